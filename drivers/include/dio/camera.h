@@ -1,0 +1,80 @@
+/* Cameras behind one small interface: V4L2 devices, replay of files, the simulated camera. */
+#ifndef DIO_CAMERA_H
+#define DIO_CAMERA_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "dio/frame.h"
+#include "dio/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Opaque, thread-bound. */
+struct dio_camera;
+
+/** What is wished of a camera; 0 leaves a thing to the device. */
+struct dio_camera_options {
+	uint32_t width, height;
+	double frames_per_second;
+	bool as_fast_as_possible; /* replay and sim: no pacing; replay of a recording: ignore its pace */
+	bool every_frame;         /* deliver in order instead of draining to the newest */
+};
+
+struct dio_camera_info {
+	char name[128];
+	enum dio_pixel_format format;
+	uint32_t width, height;
+	double frames_per_second; /* 0: unknown */
+	uint64_t frame_count;     /* 0: endless */
+};
+
+struct dio_camera_counters {
+	uint64_t delivered;
+	uint64_t drained; /* older frames passed over for the newest */
+	uint64_t lost;    /* gaps in the driver's sequence */
+	uint64_t broken;  /* frames the driver flagged as damaged */
+};
+
+/**
+ * Open a camera.
+ *
+ * spec   `v4l2:/dev/video0` or `/dev/video0`; `sim:table?seed=7&width=640&...`;
+ *        `replay:PATH`, or a PATH to a folder of pictures or to a recording
+ *
+ * DIO_NOT_FOUND, DIO_BUSY, DIO_BAD_ARG (a specification that cannot be read; the text says which
+ * word), DIO_UNSUPPORTED (no format in common)
+ */
+enum dio_status dio_camera_open(const char *spec, const struct dio_camera_options *options,
+				struct dio_camera **camera, struct dio_error *error);
+
+/** Accepts NULL and a camera whose device is gone. */
+void dio_camera_close(struct dio_camera *camera);
+
+enum dio_status dio_camera_start(struct dio_camera *camera, struct dio_error *error);
+enum dio_status dio_camera_stop(struct dio_camera *camera, struct dio_error *error);
+
+/**
+ * Take the next frame: the newest one of a device (older ones are counted as drained).
+ *
+ * frame       valid until the next acquire, stop or close
+ * timeout_ns  longest wait
+ *
+ * DIO_AGAIN  no frame in time; DIO_END  no more; DIO_GONE  unplugged;
+ * DIO_BAD_FILE  a picture of a folder cannot be read: the text names it, the next call goes on
+ */
+enum dio_status dio_camera_acquire(struct dio_camera *camera, struct dio_frame *frame,
+				   int64_t timeout_ns, struct dio_error *error);
+
+/** File name behind the last frame (replay), or "" (devices). Owned by the camera. */
+const char *dio_camera_get_frame_name(const struct dio_camera *camera);
+
+void dio_camera_get_info(const struct dio_camera *camera, struct dio_camera_info *info);
+void dio_camera_get_counters(const struct dio_camera *camera, struct dio_camera_counters *counters);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

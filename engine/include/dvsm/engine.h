@@ -1,0 +1,140 @@
+/* The engine: reconstruct posed pictures into a KV-cache (a scene), render viewpoints from it. */
+#ifndef DVSM_ENGINE_H
+#define DVSM_ENGINE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "dvsm/camera.h"
+#include "dvsm/model.h"
+#include "dvsm/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Instruction-set tiers, ordered within an architecture; the mask says which may be used. */
+enum dvsm_cpu {
+	DVSM_CPU_SCALAR = 1u << 0, /* always present: the specification */
+	DVSM_CPU_AVX2 = 1u << 1,   /* AVX2 and FMA */
+	DVSM_CPU_AVX512 = 1u << 2, /* AVX-512 F, BW, DQ, VL */
+	DVSM_CPU_NEON = 1u << 3,
+	DVSM_CPU_ALL = 0xffffffffu,
+};
+
+/** Tiers that this CPU and operating system offer (CPUID and XCR0, or HWCAP). */
+DVSM_API uint32_t dvsm_cpu_detect(void);
+
+/** Name of the best tier in a mask: "scalar", "avx2", "avx512", "neon". */
+DVSM_API const char *dvsm_cpu_name(uint32_t mask);
+
+/** Opaque. One engine runs one call at a time (thread-bound); several engines may share a model. */
+struct dvsm_engine;
+
+/** Opaque: KV-cache, context cameras, normalisation. Immutable; may be shared by engines. */
+struct dvsm_scene;
+
+/** Zero-initialised means: as many threads as the process may use, every tier. */
+struct dvsm_engine_options {
+	uint32_t threads;  /* 0: all that sched_getaffinity allows; at most 256 */
+	uint32_t cpu_mask; /* 0: DVSM_CPU_ALL; tiers not present are ignored */
+};
+
+/** Bytes planned before a run; what is planned is what is used. */
+struct dvsm_memory {
+	size_t weights_bytes;
+	size_t cache_bytes;
+	size_t workspace_bytes; /* the larger of the two stages */
+};
+
+/** What a call did and how long it took (CLOCK_MONOTONIC). */
+struct dvsm_stats {
+	uint32_t views;          /* context views */
+	uint32_t tokens;         /* tokens of the picture(s) processed */
+	uint64_t keys;           /* cross-view keys per head and layer */
+	uint64_t time_ns;
+	struct dvsm_memory memory;
+};
+
+/** Called between blocks with share done in [0,1]; return false to cancel. Same thread as the call. */
+typedef bool dvsm_progress_fn(void *context, double done);
+
+/**
+ * Create an engine with its thread pool. The model is borrowed and must outlive the engine.
+ * Results do not depend on the number of threads.
+ */
+DVSM_API enum dvsm_status dvsm_engine_create(const struct dvsm_model *model,
+					     const struct dvsm_engine_options *options,
+					     struct dvsm_engine **engine, struct dvsm_error *error);
+DVSM_API void dvsm_engine_destroy(struct dvsm_engine *engine);
+
+/** The tier in use and the number of threads, for reports. */
+DVSM_API const char *dvsm_engine_get_cpu(const struct dvsm_engine *engine);
+DVSM_API uint32_t dvsm_engine_get_threads(const struct dvsm_engine *engine);
+
+/**
+ * Plan the memory of a job without allocating it.
+ *
+ * cameras      [views] context cameras (sizes only matter)
+ * patch_px     stage patch of reconstruction p1, 0 for the model's q
+ * target       the largest target camera, or NULL for none
+ * target_patch_px  stage patch of rendering p2, 0 for q
+ *
+ * DVSM_NO_MEM  the sizes overflow
+ */
+DVSM_API enum dvsm_status dvsm_plan(const struct dvsm_engine *engine,
+				    const struct dvsm_camera *cameras, uint32_t views,
+				    uint32_t patch_px, const struct dvsm_camera *target,
+				    uint32_t target_patch_px, struct dvsm_memory *memory,
+				    struct dvsm_error *error);
+
+/**
+ * Reconstruct a scene from posed pictures (MODEL.md sections 2 to 4).
+ *
+ * views      [count], count >= 1; all may differ in size; borrowed for the call
+ * patch_px   stage patch p1, 0 for the model's q; 1..256
+ * progress   NULL, or called between blocks
+ * scene      receives the scene; release with dvsm_scene_destroy()
+ * stats      NULL, or filled
+ *
+ * DVSM_BAD_ARG      no views, a camera out of range, a pose that is not rigid (> 1e-3), a
+ *                   non-finite pixel; the text names the view
+ * DVSM_UNSUPPORTED  a model with a prior (features are not computed here)
+ */
+DVSM_API enum dvsm_status dvsm_reconstruct(struct dvsm_engine *engine,
+					   const struct dvsm_view *views, uint32_t count,
+					   uint32_t patch_px, dvsm_progress_fn *progress,
+					   void *progress_context, struct dvsm_scene **scene,
+					   struct dvsm_stats *stats, struct dvsm_error *error);
+
+/**
+ * Reserve the workspace for rendering pictures up to `target`'s size, so that dvsm_render()
+ * allocates nothing.
+ */
+DVSM_API enum dvsm_status dvsm_render_reserve(struct dvsm_engine *engine,
+					      const struct dvsm_scene *scene,
+					      const struct dvsm_camera *target, uint32_t patch_px,
+					      struct dvsm_error *error);
+
+/**
+ * Render one viewpoint (MODEL.md sections 3 to 5).
+ *
+ * camera     pinhole, world_from_camera in the frame of the context poses
+ * patch_px   stage patch p2, 0 for the model's q; 1..256
+ * out        [height][width][3] float, caller's memory, unclamped
+ *
+ * The workspace grows when dvsm_render_reserve() was not called for this size.
+ *
+ * DVSM_BAD_ARG   non-finite or non-rigid pose, focal length <= 0
+ * DVSM_MISMATCH  the scene was made with another model than the engine's
+ */
+DVSM_API enum dvsm_status dvsm_render(struct dvsm_engine *engine, const struct dvsm_scene *scene,
+				      const struct dvsm_camera *camera, uint32_t patch_px,
+				      float *out, struct dvsm_stats *stats,
+				      struct dvsm_error *error);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
