@@ -1,0 +1,44 @@
+#include "base/error.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+
+enum dvsm_status dvsm_fail(struct dvsm_error *error, enum dvsm_status status, const char *format,
+			   ...)
+{
+	if (!error)
+		return status;
+
+	va_list arguments;
+	va_start(arguments, format);
+	vsnprintf(error->text, sizeof(error->text), format, arguments);
+	va_end(arguments);
+	for (char *c = error->text; *c; c++) {
+		if ((unsigned char)*c < ' ' || *c == 0x7f)
+			*c = '?';
+	}
+	return status;
+}
+
+const char *dvsm_status_text(enum dvsm_status status)
+{
+	switch (status) {
+	case DVSM_OK:
+		return "ok";
+	case DVSM_BAD_ARG:
+		return "bad argument";
+	case DVSM_BAD_FILE:
+		return "bad file";
+	case DVSM_IO:
+		return "input or output error";
+	case DVSM_NO_MEM:
+		return "out of memory";
+	case DVSM_MISMATCH:
+		return "wrong model";
+	case DVSM_UNSUPPORTED:
+		return "unsupported";
+	case DVSM_CANCELLED:
+		return "cancelled";
+	}
+	return "unknown status";
+}

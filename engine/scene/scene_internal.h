@@ -1,0 +1,70 @@
+/* A scene in memory: KV-cache, context cameras, normalisation. Private to the engine. */
+#ifndef DVSM_SCENE_SCENE_INTERNAL_H
+#define DVSM_SCENE_SCENE_INTERNAL_H
+
+#include "dvsm/model.h"
+#include "dvsm/scene.h"
+#include "geometry/pose.h"
+
+struct dvsm_scene {
+	uint32_t dim, heads, layers; /* of the model that made it */
+	char model_sha256[65];
+	uint32_t views;
+	uint32_t patch_px;	     /* stage patch p1 */
+	struct dvsm_camera *cameras; /* [views], world frame, as given; owned */
+	size_t *first_token; /* [views + 1], tokens of view v: first_token[v] .. [v + 1] - 1 */
+	size_t tokens;	     /* of all views together */
+	struct dvsm_normalisation normalisation;
+	/* The cache, [layers][heads][tokens][dim / heads] each: keys after QK-norm, and values.
+	 * Both lie in one 64-byte aligned allocation that `keys` begins; cache_bytes covers both.
+	 */
+	float *keys, *values;
+	size_t cache_bytes;
+};
+
+/** Keys of one head of one layer: [tokens][dim / heads]. */
+static inline float *dvsm_scene_keys(const struct dvsm_scene *scene, uint32_t layer, uint32_t head)
+{
+	return scene->keys +
+	       ((size_t)layer * scene->heads + head) * scene->tokens * (scene->dim / scene->heads);
+}
+
+/** Values of one head of one layer: [tokens][dim / heads]. */
+static inline float *dvsm_scene_values(const struct dvsm_scene *scene, uint32_t layer,
+				       uint32_t head)
+{
+	return scene->values +
+	       ((size_t)layer * scene->heads + head) * scene->tokens * (scene->dim / scene->heads);
+}
+
+/**
+ * Bytes of the cache that dvsm_scene_allocate() would take, and the tokens it would hold.
+ *
+ * cameras   [views], checked; only the sizes matter
+ * tokens    receives the sum over the views, or NULL
+ *
+ * DVSM_NO_MEM  does not fit the address space
+ */
+enum dvsm_status dvsm_scene_measure(const struct dvsm_model_config *config,
+				    const struct dvsm_camera *cameras, uint32_t views,
+				    uint32_t patch_px, size_t *tokens, size_t *cache_bytes,
+				    struct dvsm_error *error);
+
+/**
+ * Allocate a scene for checked cameras with its normalisation computed; the cache's content is
+ * undefined. Release with dvsm_scene_destroy().
+ */
+enum dvsm_status dvsm_scene_allocate(const struct dvsm_model_config *config,
+				     const char model_sha256[65], const struct dvsm_camera *cameras,
+				     uint32_t views, uint32_t patch_px, struct dvsm_scene **scene,
+				     struct dvsm_error *error);
+
+/**
+ * Open a scene from the bytes of its file; `name` stands for the file in error texts. `model` may
+ * be NULL: then only the file itself is checked. The bytes are borrowed for the call.
+ */
+enum dvsm_status dvsm_scene_open_bytes(const void *bytes, size_t size, const char *name,
+				       const struct dvsm_model *model, struct dvsm_scene **scene,
+				       struct dvsm_error *error);
+
+#endif
