@@ -1,0 +1,30 @@
+/* Which model, and which stage patch suits it. */
+#ifndef DIO_APP_MODEL_CHOICE_H
+#define DIO_APP_MODEL_CHOICE_H
+
+#include <stdint.h>
+
+#include "dio/status.h"
+
+/**
+ * The shipped model: a *.safetensors file in `models` beside the program, up to three folders
+ * above, or in ../share/diorama/models. Of several, the one whose NAME.json says "default": true,
+ * else the first by name. Release *path with free().
+ */
+enum dio_status dio_model_find_shipped(char **path, struct dio_error *error);
+
+/**
+ * Tokens a view that the weights were trained with, from NAME.json beside NAME.safetensors
+ * ({"tokens_per_view": 64}); 0 when nothing is stated.
+ */
+enum dio_status dio_model_read_tokens_per_view(const char *model_path, uint32_t *tokens,
+					       struct dio_error *error);
+
+/**
+ * The stage patch for a picture: the p in 1..256 whose token count round(W/p) x round(H/p) is
+ * nearest to `tokens_per_view` (the larger p of equals); `patch_px` of the model when it is 0.
+ */
+uint32_t dio_model_choose_patch(uint32_t tokens_per_view, uint32_t patch_px, uint32_t width,
+				uint32_t height);
+
+#endif

@@ -1,0 +1,72 @@
+/* Model, engine and scene of one run, with the app's types on the outside. */
+#ifndef DIO_APP_SESSION_H
+#define DIO_APP_SESSION_H
+
+#include <stdint.h>
+
+#include "core/view.h"
+#include "dio/frame.h"
+#include "dvsm/dvsm.h"
+
+/** Opaque, thread-bound. */
+struct dio_session;
+
+/** Zero-initialised: the shipped model, every core and tier, stage patches chosen. */
+struct dio_session_options {
+	const char *model;     /* safetensors file, or NULL for the shipped one */
+	uint32_t threads;      /* 0: all */
+	uint32_t cpu_mask;     /* 0: all tiers */
+	uint32_t patch_recon;  /* stage patches in pixels; 0: chosen from the picture's size, */
+	uint32_t patch_render; /* see dio_model_choose_patch() */
+};
+
+enum dio_status dio_session_open(const struct dio_session_options *options,
+				 struct dio_session **session, struct dio_error *error);
+/** NULL is fine. */
+void dio_session_close(struct dio_session *session);
+
+/** What is inside, owned by the session; the scene is NULL until there is one. */
+const struct dvsm_model *dio_session_get_model(const struct dio_session *session);
+const struct dvsm_engine *dio_session_get_engine(const struct dio_session *session);
+const struct dvsm_scene *dio_session_get_scene(const struct dio_session *session);
+const char *dio_session_get_model_path(const struct dio_session *session);
+
+/** Reconstruct from views with pictures; shows a progress bar. stats: NULL or filled. */
+enum dio_status dio_session_reconstruct(struct dio_session *session, const struct dio_view *views,
+					uint32_t count, struct dvsm_stats *stats,
+					struct dio_error *error);
+/** Open or save the scene file. */
+enum dio_status dio_session_open_scene(struct dio_session *session, const char *path,
+				       struct dio_error *error);
+enum dio_status dio_session_save_scene(const struct dio_session *session, const char *path,
+				       struct dio_error *error);
+
+/**
+ * Render one viewpoint.
+ *
+ * camera   pinhole
+ * rgb      [height][width][3] float, caller's memory, unclamped
+ */
+enum dio_status dio_session_render(struct dio_session *session,
+				   const struct dio_camera_model *camera,
+				   const struct dio_pose *pose, float *rgb,
+				   struct dvsm_stats *stats, struct dio_error *error);
+
+/** The same as an 8-bit picture, clamped and rounded; `picture` zero-initialised or reused. */
+enum dio_status dio_session_render_picture(struct dio_session *session,
+					   const struct dio_camera_model *camera,
+					   const struct dio_pose *pose, struct dio_picture *picture,
+					   struct dvsm_stats *stats, struct dio_error *error);
+
+/** Clamp to [0,1] and round to 8 bits. `picture` has its size already. */
+void dio_picture_from_float(const float *rgb, struct dio_picture *picture);
+
+/** The stage patch a render of this size takes. */
+uint32_t dio_session_get_patch_render(const struct dio_session *session,
+				      const struct dio_camera_model *camera);
+
+/** Our status and text for the engine's. */
+enum dio_status dio_status_from_engine(enum dvsm_status status, const struct dvsm_error *from,
+				       struct dio_error *error);
+
+#endif
