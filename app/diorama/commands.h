@@ -2,6 +2,10 @@
 #ifndef DIO_DIORAMA_COMMANDS_H
 #define DIO_DIORAMA_COMMANDS_H
 
+int dio_command_board(int argc, char **argv);
+int dio_command_capture(int argc, char **argv);
+int dio_command_calibrate(int argc, char **argv);
+int dio_command_poses(int argc, char **argv);
 int dio_command_import(int argc, char **argv);
 int dio_command_reconstruct(int argc, char **argv);
 int dio_command_render(int argc, char **argv);

@@ -12,6 +12,10 @@ static const struct {
 	int (*run)(int argc, char **argv);
 	const char *summary;
 } COMMANDS[] = {
+	{"board", dio_command_board, "draw a calibration board for the printer"},
+	{"capture", dio_command_capture, "record what a camera sees"},
+	{"calibrate", dio_command_calibrate, "find a camera's intrinsics from pictures of a board"},
+	{"poses", dio_command_poses, "pose pictures from a board in view; write scene.json"},
 	{"import", dio_command_import,
 	 "turn transforms.json or a COLMAP text model into scene.json"},
 	{"reconstruct", dio_command_reconstruct, "turn posed pictures into a scene (a KV-cache)"},
