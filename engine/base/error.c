@@ -2,6 +2,10 @@
 
 #include <stdarg.h>
 #include <stdio.h>
+#include <string.h>
+
+/* Characters of a file's name that a message shows. */
+#define NAME_ROOM 150
 
 enum dvsm_status dvsm_fail(struct dvsm_error *error, enum dvsm_status status, const char *format,
 			   ...)
@@ -18,6 +22,12 @@ enum dvsm_status dvsm_fail(struct dvsm_error *error, enum dvsm_status status, co
 			*c = '?';
 	}
 	return status;
+}
+
+const char *dvsm_name_tail(const char *name)
+{
+	size_t length = strlen(name);
+	return length > NAME_ROOM ? name + length - NAME_ROOM : name;
 }
 
 const char *dvsm_status_text(enum dvsm_status status)

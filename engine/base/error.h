@@ -12,4 +12,7 @@
 __attribute__((format(printf, 3, 4))) enum dvsm_status
 dvsm_fail(struct dvsm_error *error, enum dvsm_status status, const char *format, ...);
 
+/** The end of a file's name that leaves room for the fault in an error's one line. */
+const char *dvsm_name_tail(const char *name);
+
 #endif

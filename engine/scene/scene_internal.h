@@ -2,6 +2,10 @@
 #ifndef DVSM_SCENE_SCENE_INTERNAL_H
 #define DVSM_SCENE_SCENE_INTERNAL_H
 
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
 #include "dvsm/model.h"
 #include "dvsm/scene.h"
 #include "geometry/pose.h"
@@ -60,8 +64,19 @@ enum dvsm_status dvsm_scene_allocate(const struct dvsm_model_config *config,
 				     struct dvsm_error *error);
 
 /**
+ * The two steps of dvsm_scene_allocate(), for a reader that learns the cameras later: make room as
+ * dim, layers, views and tokens of `sizes` say, then, with `cameras` filled in, place their tokens
+ * and compute the normalisation.
+ *
+ * with_cache   false leaves keys and values NULL
+ */
+enum dvsm_status dvsm_scene_make(const struct dvsm_scene *sizes, bool with_cache,
+				 struct dvsm_scene **scene, struct dvsm_error *error);
+void dvsm_scene_place_cameras(struct dvsm_scene *scene);
+
+/**
  * Open a scene from the bytes of its file; `name` stands for the file in error texts. `model` may
- * be NULL: then only the file itself is checked. The bytes are borrowed for the call.
+ * be NULL: then the file alone is checked. The bytes are borrowed for the call.
  */
 enum dvsm_status dvsm_scene_open_bytes(const void *bytes, size_t size, const char *name,
 				       const struct dvsm_model *model, struct dvsm_scene **scene,

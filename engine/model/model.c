@@ -1,0 +1,237 @@
+#include "model/model.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/error.h"
+#include "base/memory.h"
+#include "files/safetensors.h"
+#include "model/config.h"
+
+/*
+ * The walk over all tensors of a model. It runs twice over the same code: first without memory, to
+ * check every tensor and add up the space, then to place the weights in it.
+ */
+struct walk {
+	const struct dvsm_safetensors *file;
+	struct dvsm_model *model;
+	struct dvsm_error *error;
+	enum dvsm_status status; /* of the first failure */
+	float *block;		 /* NULL in the measuring walk */
+	size_t used_bytes;	 /* of the block so far */
+	uint64_t count;		 /* of weights so far */
+};
+
+/* One tensor of `rows` x `columns`, or of `columns` alone where rows is 0. */
+static void visit(struct walk *walk, const char *name, uint32_t rows, uint32_t columns,
+		  const float **weights)
+{
+	if (walk->status != DVSM_OK)
+		return;
+	const uint64_t matrix[2] = {rows, columns}, vector[1] = {columns};
+	struct dvsm_tensor *tensor;
+	walk->status = dvsm_safetensors_require(walk->file, name, NULL, rows ? 2 : 1,
+						rows ? matrix : vector, &tensor, walk->error);
+	if (walk->status != DVSM_OK)
+		return;
+
+	size_t bytes, end;
+	if (!dvsm_size_mul(tensor->count, sizeof(float), &bytes) ||
+	    !dvsm_size_align(bytes, &bytes) || !dvsm_size_add(walk->used_bytes, bytes, &end)) {
+		walk->status = dvsm_fail(walk->error, DVSM_NO_MEM,
+					 "%s: the weights do not fit the address space",
+					 dvsm_name_tail(walk->file->source.name));
+		return;
+	}
+	if (walk->block) {
+		float *place = walk->block + walk->used_bytes / sizeof(float);
+		tensor->destination = place;
+		*weights = place;
+	}
+	walk->used_bytes = end;
+	walk->count += tensor->count;
+}
+
+/* blocks.{index}.{half}{rest} */
+static void visit_half_tensor(struct walk *walk, uint32_t index, const char *half, const char *rest,
+			      uint32_t rows, uint32_t columns, const float **weights)
+{
+	char name[80];
+	snprintf(name, sizeof(name), "blocks.%u.%s%s.weight", index, half, rest);
+	visit(walk, name, rows, columns, weights);
+}
+
+static void visit_half(struct walk *walk, uint32_t index, const char *half,
+		       struct dvsm_half_weights *w)
+{
+	const struct dvsm_model_config *config = &walk->model->config;
+	uint32_t dim = config->dim, head_dim = dim / config->heads;
+	uint32_t hidden = dim * config->mlp_ratio;
+	visit_half_tensor(walk, index, half, "_norm", 0, dim, &w->norm);
+	visit_half_tensor(walk, index, half, ".qkv", 3 * dim, dim, &w->qkv);
+	visit_half_tensor(walk, index, half, ".q_norm", 0, head_dim, &w->q_norm);
+	visit_half_tensor(walk, index, half, ".k_norm", 0, head_dim, &w->k_norm);
+	visit_half_tensor(walk, index, half, ".out", dim, dim, &w->out);
+	visit_half_tensor(walk, index, half, "_mlp_norm", 0, dim, &w->mlp_norm);
+	visit_half_tensor(walk, index, half, "_mlp.up", hidden, dim, &w->up);
+	visit_half_tensor(walk, index, half, "_mlp.down", dim, hidden, &w->down);
+}
+
+static void visit_all(struct walk *walk)
+{
+	const struct dvsm_model_config *config = &walk->model->config;
+	struct dvsm_weights *w = &walk->model->weights;
+	uint32_t pixels = config->patch_px * config->patch_px;
+	visit(walk, "patch_ray.weight", config->dim, 6 * pixels, &w->patch_ray);
+	visit(walk, "patch_rgb.weight", config->dim, 3 * pixels, &w->patch_rgb);
+	if (config->prior_dim)
+		visit(walk, "prior_proj.weight", config->dim, config->prior_dim, &w->prior_proj);
+	visit(walk, "embed_norm.weight", 0, config->dim, &w->embed_norm);
+	for (uint32_t i = 0; i < config->layers; i++) {
+		visit_half(walk, i, "intra", &w->blocks[i].intra);
+		visit_half(walk, i, "cross", &w->blocks[i].cross);
+	}
+	visit(walk, "final_norm.weight", 0, config->dim, &w->final_norm);
+	visit(walk, "to_rgb.weight", 3 * pixels, config->dim, &w->to_rgb);
+}
+
+/* A block of weights that the config does not count: the file and its config do not agree. */
+static enum dvsm_status check_layer_count(const struct dvsm_safetensors *file,
+					  const struct dvsm_model *model, struct dvsm_error *error)
+{
+	char name[80];
+	snprintf(name, sizeof(name), "blocks.%u.intra_norm.weight", model->config.layers);
+	if (dvsm_safetensors_find(file, name))
+		return dvsm_fail(error, DVSM_BAD_FILE,
+				 "%s: tensor %s: config states %u layers, there are more",
+				 dvsm_name_tail(file->source.name), name, model->config.layers);
+	return DVSM_OK;
+}
+
+static enum dvsm_status check_format(const struct dvsm_safetensors *file, struct dvsm_error *error)
+{
+	const char *name = dvsm_name_tail(file->source.name);
+	const char *format = dvsm_safetensors_get_metadata(file, "format");
+	const char *version = dvsm_safetensors_get_metadata(file, "version");
+	if (!format || strcmp(format, "dvsm") != 0)
+		return dvsm_fail(error, DVSM_BAD_FILE,
+				 "%s: is no model: metadata format is %.40s, must be dvsm", name,
+				 format ? format : "missing");
+	if (!version)
+		return dvsm_fail(error, DVSM_BAD_FILE, "%s: metadata version is missing", name);
+	if (strcmp(version, "1") != 0)
+		return dvsm_fail(error, DVSM_UNSUPPORTED,
+				 "%s: model version %.40s is not known to this build, only 1", name,
+				 version);
+	return DVSM_OK;
+}
+
+static enum dvsm_status fail_memory(const struct dvsm_safetensors *file, size_t bytes,
+				    struct dvsm_error *error)
+{
+	return dvsm_fail(error, DVSM_NO_MEM, "%s: no memory for %zu bytes of weights",
+			 dvsm_name_tail(file->source.name), bytes);
+}
+
+/* Check all tensors, then make room for them and point the file's load at it. */
+static enum dvsm_status place_weights(const struct dvsm_safetensors *file, struct dvsm_model *model,
+				      struct dvsm_error *error)
+{
+	model->weights.blocks = calloc(model->config.layers, sizeof(*model->weights.blocks));
+	if (!model->weights.blocks)
+		return fail_memory(file, 0, error);
+
+	struct walk measure = {.file = file, .model = model, .error = error};
+	visit_all(&measure);
+	if (measure.status != DVSM_OK)
+		return measure.status;
+
+	/* The file holds what was measured, so a small file cannot ask for much. */
+	model->block = dvsm_aligned_alloc(measure.used_bytes);
+	if (!model->block)
+		return fail_memory(file, measure.used_bytes, error);
+	struct walk place = {.file = file, .model = model, .error = error, .block = model->block};
+	visit_all(&place);
+	model->weight_bytes = place.used_bytes;
+	model->weight_count = place.count;
+	return place.status;
+}
+
+static enum dvsm_status read_model(struct dvsm_safetensors *file, struct dvsm_model *model,
+				   struct dvsm_error *error)
+{
+	enum dvsm_status status = check_format(file, error);
+	if (status == DVSM_OK)
+		status = dvsm_config_parse(dvsm_safetensors_get_metadata(file, "config"),
+					   file->source.name, &model->config, error);
+	if (status == DVSM_OK)
+		status = check_layer_count(file, model, error);
+	if (status == DVSM_OK)
+		status = place_weights(file, model, error);
+	if (status == DVSM_OK)
+		status = dvsm_safetensors_load(file, NULL, model->sha256, error);
+	return status;
+}
+
+/* Reads and closes `file`. */
+static enum dvsm_status open_model(struct dvsm_safetensors *file, struct dvsm_model **model,
+				   struct dvsm_error *error)
+{
+	struct dvsm_model *opened = calloc(1, sizeof(*opened));
+	enum dvsm_status status =
+		opened ? read_model(file, opened, error) : fail_memory(file, 0, error);
+	dvsm_safetensors_close(file);
+	if (status == DVSM_OK)
+		*model = opened;
+	else
+		dvsm_model_close(opened);
+	return status;
+}
+
+enum dvsm_status dvsm_model_open(const char *path, struct dvsm_model **model,
+				 struct dvsm_error *error)
+{
+	struct dvsm_safetensors file;
+	if (!path || !model)
+		return dvsm_fail(error, DVSM_BAD_ARG, "no model file was named");
+	enum dvsm_status status = dvsm_safetensors_open(path, &file, error);
+	return status == DVSM_OK ? open_model(&file, model, error) : status;
+}
+
+enum dvsm_status dvsm_model_open_bytes(const void *bytes, size_t size, const char *name,
+				       struct dvsm_model **model, struct dvsm_error *error)
+{
+	struct dvsm_safetensors file;
+	enum dvsm_status status = dvsm_safetensors_open_bytes(bytes, size, name, &file, error);
+	return status == DVSM_OK ? open_model(&file, model, error) : status;
+}
+
+void dvsm_model_close(struct dvsm_model *model)
+{
+	if (!model)
+		return;
+	free(model->weights.blocks);
+	free(model->block);
+	free(model);
+}
+
+const struct dvsm_model_config *dvsm_model_get_config(const struct dvsm_model *model)
+{
+	return &model->config;
+}
+
+const char *dvsm_model_get_sha256(const struct dvsm_model *model)
+{
+	return model->sha256;
+}
+
+size_t dvsm_model_get_weight_bytes(const struct dvsm_model *model)
+{
+	return model->weight_bytes;
+}
+
+uint64_t dvsm_model_get_weight_count(const struct dvsm_model *model)
+{
+	return model->weight_count;
+}

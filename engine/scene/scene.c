@@ -1,0 +1,165 @@
+#include "dvsm/scene.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/error.h"
+#include "base/memory.h"
+#include "geometry/rays.h"
+#include "scene/scene_internal.h"
+
+static enum dvsm_status fail_size(const char *what, struct dvsm_error *error)
+{
+	return dvsm_fail(error, DVSM_NO_MEM,
+			 "no memory for %s: take fewer or smaller views, or a larger patch", what);
+}
+
+static size_t tokens_of(const struct dvsm_camera *camera, uint32_t patch_px)
+{
+	return dvsm_token_grid_count(dvsm_token_grid_of(camera->width, camera->height, patch_px));
+}
+
+/* Bytes from the keys to the values: both halves start aligned. */
+static bool half_cache_bytes(uint32_t dim, uint32_t layers, size_t tokens, size_t *bytes)
+{
+	return dvsm_size_mul(tokens, dim, bytes) && dvsm_size_mul(*bytes, layers, bytes) &&
+	       dvsm_size_mul(*bytes, sizeof(float), bytes) && dvsm_size_align(*bytes, bytes);
+}
+
+enum dvsm_status dvsm_scene_measure(const struct dvsm_model_config *config,
+				    const struct dvsm_camera *cameras, uint32_t views,
+				    uint32_t patch_px, size_t *tokens, size_t *cache_bytes,
+				    struct dvsm_error *error)
+{
+	size_t total = 0, half = 0, bytes = 0;
+	for (uint32_t i = 0; i < views; i++) {
+		if (!dvsm_size_add(total, tokens_of(&cameras[i], patch_px), &total))
+			return fail_size("so many tokens", error);
+	}
+	if (!half_cache_bytes(config->dim, config->layers, total, &half) ||
+	    !dvsm_size_mul(half, 2, &bytes))
+		return fail_size("the KV-cache", error);
+	if (tokens)
+		*tokens = total;
+	*cache_bytes = bytes;
+	return DVSM_OK;
+}
+
+static bool allocate_parts(struct dvsm_scene *scene, bool with_cache)
+{
+	scene->cameras = calloc(scene->views, sizeof(*scene->cameras));
+	scene->first_token = calloc((size_t)scene->views + 1, sizeof(*scene->first_token));
+	if (with_cache)
+		scene->keys = dvsm_aligned_alloc(scene->cache_bytes);
+	return scene->cameras && scene->first_token && (scene->keys || !with_cache);
+}
+
+enum dvsm_status dvsm_scene_make(const struct dvsm_scene *sizes, bool with_cache,
+				 struct dvsm_scene **scene, struct dvsm_error *error)
+{
+	size_t half;
+	if (!half_cache_bytes(sizes->dim, sizes->layers, sizes->tokens, &half) ||
+	    half > SIZE_MAX / 2)
+		return fail_size("the KV-cache", error);
+
+	struct dvsm_scene *made = calloc(1, sizeof(*made));
+	if (!made)
+		return fail_size("a scene", error);
+	*made = *sizes;
+	made->cache_bytes = 2 * half;
+	if (!allocate_parts(made, with_cache)) {
+		dvsm_scene_destroy(made);
+		return fail_size("the KV-cache", error);
+	}
+	if (with_cache)
+		made->values = made->keys + half / sizeof(float);
+	*scene = made;
+	return DVSM_OK;
+}
+
+void dvsm_scene_place_cameras(struct dvsm_scene *scene)
+{
+	for (uint32_t i = 0; i < scene->views; i++)
+		scene->first_token[i + 1] =
+			scene->first_token[i] + tokens_of(&scene->cameras[i], scene->patch_px);
+	scene->normalisation = dvsm_normalisation_compute(scene->cameras, scene->views);
+}
+
+enum dvsm_status dvsm_scene_allocate(const struct dvsm_model_config *config,
+				     const char model_sha256[65], const struct dvsm_camera *cameras,
+				     uint32_t views, uint32_t patch_px, struct dvsm_scene **scene,
+				     struct dvsm_error *error)
+{
+	struct dvsm_scene sizes = {
+		.dim = config->dim,
+		.heads = config->heads,
+		.layers = config->layers,
+		.views = views,
+		.patch_px = patch_px,
+	};
+	enum dvsm_status status = dvsm_scene_measure(config, cameras, views, patch_px,
+						     &sizes.tokens, &sizes.cache_bytes, error);
+	if (status != DVSM_OK)
+		return status;
+	memcpy(sizes.model_sha256, model_sha256, sizeof(sizes.model_sha256));
+
+	struct dvsm_scene *made;
+	status = dvsm_scene_make(&sizes, true, &made, error);
+	if (status != DVSM_OK)
+		return status;
+	memcpy(made->cameras, cameras, views * sizeof(*cameras));
+	dvsm_scene_place_cameras(made);
+	*scene = made;
+	return DVSM_OK;
+}
+
+void dvsm_scene_destroy(struct dvsm_scene *scene)
+{
+	if (!scene)
+		return;
+	free(scene->cameras);
+	free(scene->first_token);
+	free(scene->keys);
+	free(scene);
+}
+
+uint32_t dvsm_scene_get_view_count(const struct dvsm_scene *scene)
+{
+	return scene->views;
+}
+
+const struct dvsm_camera *dvsm_scene_get_cameras(const struct dvsm_scene *scene)
+{
+	return scene->cameras;
+}
+
+uint64_t dvsm_scene_get_token_count(const struct dvsm_scene *scene)
+{
+	return scene->tokens;
+}
+
+uint32_t dvsm_scene_get_patch_px(const struct dvsm_scene *scene)
+{
+	return scene->patch_px;
+}
+
+size_t dvsm_scene_get_cache_bytes(const struct dvsm_scene *scene)
+{
+	return scene->cache_bytes;
+}
+
+const char *dvsm_scene_get_model_sha256(const struct dvsm_scene *scene)
+{
+	return scene->model_sha256;
+}
+
+enum dvsm_status dvsm_scene_copy_cache(const struct dvsm_scene *scene, uint32_t layer, float *keys,
+				       float *values)
+{
+	if (!scene || layer >= scene->layers || !keys || !values)
+		return DVSM_BAD_ARG;
+	size_t bytes = scene->tokens * scene->dim * sizeof(float);
+	memcpy(keys, dvsm_scene_keys(scene, layer, 0), bytes);
+	memcpy(values, dvsm_scene_values(scene, layer, 0), bytes);
+	return DVSM_OK;
+}

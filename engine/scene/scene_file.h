@@ -1,0 +1,22 @@
+/*
+ * The scene's file: safetensors with the KV-cache, the cameras and the normalisation.
+ * Private to the engine.
+ *
+ *   __metadata__   format "dvsm-scene", version "1"
+ *                  config {"dim","heads","layers","patch"}, patch being the stage patch p1
+ *                  model_sha256   of the model's file
+ *                  sha256         over the config's text, model_sha256 and all tensors' bytes
+ *   cameras        F64 [views, 22]   width height fx fy cx cy world_from_camera (row-major 4x4)
+ *   normalisation  F64 [13]          axes (3x3), origin, scale
+ *   keys, values   F32 [layers, heads, tokens, dim / heads]
+ */
+#ifndef DVSM_SCENE_SCENE_FILE_H
+#define DVSM_SCENE_SCENE_FILE_H
+
+#define DVSM_SCENE_FORMAT  "dvsm-scene"
+#define DVSM_SCENE_VERSION "1"
+
+#define DVSM_SCENE_CAMERA_NUMBERS	 22
+#define DVSM_SCENE_NORMALISATION_NUMBERS 13
+
+#endif

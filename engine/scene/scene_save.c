@@ -1,0 +1,104 @@
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/error.h"
+#include "files/safetensors.h"
+#include "scene/scene_file.h"
+#include "scene/scene_internal.h"
+
+static void pack_camera(const struct dvsm_camera *camera, double numbers[DVSM_SCENE_CAMERA_NUMBERS])
+{
+	const double head[6] = {camera->width, camera->height, camera->fx,
+				camera->fy,    camera->cx,     camera->cy};
+	memcpy(numbers, head, sizeof(head));
+	memcpy(numbers + 6, camera->world_from_camera, sizeof(camera->world_from_camera));
+}
+
+static void pack_normalisation(const struct dvsm_normalisation *n,
+			       double numbers[DVSM_SCENE_NORMALISATION_NUMBERS])
+{
+	memcpy(numbers, n->axes, sizeof(n->axes));
+	memcpy(numbers + 9, n->origin, sizeof(n->origin));
+	numbers[12] = n->scale;
+}
+
+static void checksum(const char *config, const char *model_sha256,
+		     const struct dvsm_tensor_out *tensors, size_t count, char hex[DVSM_SHA256_HEX])
+{
+	struct dvsm_sha256 hash;
+	dvsm_sha256_init(&hash);
+	dvsm_sha256_update(&hash, config, strlen(config));
+	dvsm_sha256_update(&hash, model_sha256, strlen(model_sha256));
+	for (size_t i = 0; i < count; i++)
+		dvsm_sha256_update(&hash, tensors[i].bytes, tensors[i].size);
+	dvsm_sha256_finish(&hash, hex);
+}
+
+static enum dvsm_status write_scene(const struct dvsm_scene *scene, const double *cameras,
+				    const char *path, struct dvsm_error *error)
+{
+	double normalisation[DVSM_SCENE_NORMALISATION_NUMBERS];
+	pack_normalisation(&scene->normalisation, normalisation);
+	size_t camera_bytes = scene->views * DVSM_SCENE_CAMERA_NUMBERS * sizeof(double);
+	size_t cache_bytes = scene->layers * scene->tokens * scene->dim * sizeof(float);
+	const struct dvsm_tensor_out tensors[] = {
+		{"cameras",
+		 DVSM_DTYPE_F64,
+		 2,
+		 {scene->views, DVSM_SCENE_CAMERA_NUMBERS},
+		 cameras,
+		 camera_bytes},
+		{"normalisation",
+		 DVSM_DTYPE_F64,
+		 1,
+		 {DVSM_SCENE_NORMALISATION_NUMBERS},
+		 normalisation,
+		 sizeof(normalisation)},
+		{"keys",
+		 DVSM_DTYPE_F32,
+		 4,
+		 {scene->layers, scene->heads, scene->tokens, scene->dim / scene->heads},
+		 scene->keys,
+		 cache_bytes},
+		{"values",
+		 DVSM_DTYPE_F32,
+		 4,
+		 {scene->layers, scene->heads, scene->tokens, scene->dim / scene->heads},
+		 scene->values,
+		 cache_bytes},
+	};
+	const size_t count = sizeof(tensors) / sizeof(tensors[0]);
+
+	char config[160], sha256[DVSM_SHA256_HEX];
+	snprintf(config, sizeof(config),
+		 "{\"dim\": %u, \"heads\": %u, \"layers\": %u, \"patch\": %u}", scene->dim,
+		 scene->heads, scene->layers, scene->patch_px);
+	checksum(config, scene->model_sha256, tensors, count, sha256);
+	const struct dvsm_metadata_out metadata[] = {
+		{"format", DVSM_SCENE_FORMAT},
+		{"version", DVSM_SCENE_VERSION},
+		{"config", config},
+		{"model_sha256", scene->model_sha256},
+		{"sha256", sha256},
+	};
+	return dvsm_safetensors_write(path, metadata, sizeof(metadata) / sizeof(metadata[0]),
+				      tensors, count, error);
+}
+
+enum dvsm_status dvsm_scene_save(const struct dvsm_scene *scene, const char *path,
+				 struct dvsm_error *error)
+{
+	if (!scene || !path)
+		return dvsm_fail(error, DVSM_BAD_ARG, "no scene, or no file to save it to");
+	double *cameras =
+		calloc((size_t)scene->views * DVSM_SCENE_CAMERA_NUMBERS, sizeof(*cameras));
+	if (!cameras)
+		return dvsm_fail(error, DVSM_NO_MEM, "%s: no memory to write it",
+				 dvsm_name_tail(path));
+	for (uint32_t i = 0; i < scene->views; i++)
+		pack_camera(&scene->cameras[i], cameras + (size_t)i * DVSM_SCENE_CAMERA_NUMBERS);
+	enum dvsm_status status = write_scene(scene, cameras, path, error);
+	free(cameras);
+	return status;
+}
