@@ -1,0 +1,123 @@
+/* What a scene is made of. Plain data without pointers, so it can be copied to any device. */
+#ifndef DIO_SIM_SCENE_H
+#define DIO_SIM_SCENE_H
+
+#include "dio/sim.h"
+#include "rng.h"
+#include "vec.h"
+
+enum {
+	SIM_MAX_PRIMS = 192,
+	SIM_MAX_THINGS = 48,
+	SIM_MAX_LIGHTS = 3,
+};
+
+enum texture_kind {
+	TEX_PLAIN,
+	TEX_CHECKS,
+	TEX_STRIPES,
+	TEX_NOISE,
+	TEX_BLOTCHES,
+	TEX_MARBLE,
+	TEX_WOOD,
+	TEX_CELLS,
+	TEX_TILES,
+	TEX_DOTS,
+	TEX_PRINT,
+	TEX_GRADIENT,
+	TEX_FACADE,
+	TEX_WEAVE,
+	TEX_MOTIF,
+	TEX_PICTURE,
+	TEX_COUNT,
+};
+
+struct material {
+	enum texture_kind texture;
+	uint32_t seed;
+	float scale; /* texture periods per metre */
+	float turn_cos, turn_sin;
+	float grime;	     /* strength of large-scale brightness variation */
+	float specular;	     /* reflectance at normal incidence, 0: matt */
+	uint32_t gloss_log2; /* highlight exponent is 2^this */
+	bool reflects;	     /* trace one bounce */
+	float emission;
+	struct v3 colour[4]; /* linear */
+};
+
+enum shape {
+	SHAPE_BOX,
+	SHAPE_ELLIPSOID,
+	SHAPE_CYLINDER,	 /* axis z, radius half.x, half height half.z */
+	SHAPE_FRUSTUM,	 /* axis z, radius half.x below, `extra` above, half height half.z */
+	SHAPE_TORUS,	 /* axis z, ring radius half.x, tube radius half.y */
+	SHAPE_ROUND_BOX, /* `extra` is the edge radius */
+	SHAPE_CUP,	 /* open-topped cylinder, wall thickness `extra` */
+	SHAPE_PEBBLE,	 /* ellipsoid under a smooth deformation of depth `extra` */
+	SHAPE_ARC,	 /* part of a torus: half.x ring, half.y tube, `extra` half angle, turns */
+	SHAPE_CARVED,	 /* box with a sphere of radius `extra` cut from its top */
+};
+
+struct prim {
+	enum shape shape;
+	struct v3 centre, half;
+	float extra;
+	float bound; /* radius of the bounding sphere about `centre` */
+	struct rotation rot;
+	struct material material;
+};
+
+/* Neighbouring primitives with one bounding sphere. */
+struct thing {
+	uint32_t first, count;
+};
+
+struct light {
+	bool directional;
+	struct v3 at; /* direction to a far light (unit), or its position */
+	float size;   /* tangent of its angular radius, or radius in metres */
+	struct v3 colour;
+};
+
+enum surround {
+	SURROUND_SKY,	/* gradient, clouds */
+	SURROUND_ROOM,	/* inside of a box */
+	SURROUND_PLAIN, /* one colour everywhere */
+};
+
+struct dio_sim_scene {
+	uint64_t seed;
+	enum dio_sim_kind kind;
+
+	enum surround surround;
+	struct v3 sky[3]; /* horizon, zenith, cloud; `plain` uses the first */
+	float clouds;
+	struct v3 room_lo, room_hi;
+	struct material wall[6]; /* -x +x -y +y -z +z */
+
+	bool has_ground;
+	float ground_z;
+	struct material ground;
+
+	struct dio_sim_board board;
+	float paper_half_x, paper_half_y; /* 0: no board */
+
+	uint32_t light_count;
+	struct light light[SIM_MAX_LIGHTS];
+	struct v3 ambient_up, ambient_down; /* light from above and, bounced, from below */
+
+	uint32_t prim_count, thing_count;
+	struct prim prim[SIM_MAX_PRIMS];
+	struct thing thing[SIM_MAX_THINGS];
+
+	/* Bounding spheres as arrays, for loops that test all things at once. */
+	float bound_x[SIM_MAX_THINGS], bound_y[SIM_MAX_THINGS], bound_z[SIM_MAX_THINGS];
+	float bound_r[SIM_MAX_THINGS];
+	float occluder_r[SIM_MAX_THINGS]; /* ball of equal shade for ambient occlusion */
+
+	/* What a camera should look at. */
+	struct v3 focus;
+	float extent; /* radius of what matters around the focus */
+};
+
+#endif

@@ -1,0 +1,280 @@
+/* Ray against shape. Rays come in the shape's own frame; directions keep their length under the
+ * rotation, so a distance along the inner ray is one along the outer.
+ * Simple shapes are solved; the others are distance fields walked inside their bounding sphere. */
+#ifndef DIO_SIM_SHAPE_H
+#define DIO_SIM_SHAPE_H
+
+#include "scene.h"
+
+#define SIM_FAR 1e8f
+
+struct ray {
+	struct v3 from, along; /* unit */
+};
+
+struct surface_hit {
+	float t;
+	struct v3 normal; /* frame of the shape until trace.h turns it */
+};
+
+DIO_SIM_FN struct v3 ray_at(const struct ray *r, float t)
+{
+	return v3_mad(r->from, r->along, t);
+}
+
+/* Distances to a slab -half..half; a ray within its plane gets huge ones of the right sign. */
+DIO_SIM_FN void slab(float from, float along, float half, float *near_t, float *far_t)
+{
+	float inv = 1 / (absf(along) < 1e-12f ? 1e-12f : along);
+	float a = (-half - from) * inv, b = (half - from) * inv;
+
+	*near_t = minf(a, b);
+	*far_t = maxf(a, b);
+}
+
+DIO_SIM_FN bool hit_box(const struct ray *r, struct v3 half, struct surface_hit *hit)
+{
+	float nx, ny, nz, fx, fy, fz, t, out;
+	struct v3 n;
+
+	slab(r->from.x, r->along.x, half.x, &nx, &fx);
+	slab(r->from.y, r->along.y, half.y, &ny, &fy);
+	slab(r->from.z, r->along.z, half.z, &nz, &fz);
+	t = maxf(nx, maxf(ny, nz));
+	out = minf(fx, minf(fy, fz));
+	if (t > out || t <= 0 || t >= hit->t)
+		return false;
+	n = v3(0, 0, 0);
+	if (t == nx)
+		n.x = r->along.x > 0 ? -1 : 1;
+	else if (t == ny)
+		n.y = r->along.y > 0 ? -1 : 1;
+	else
+		n.z = r->along.z > 0 ? -1 : 1;
+	hit->t = t;
+	hit->normal = n;
+	return true;
+}
+
+DIO_SIM_FN bool hit_ellipsoid(const struct ray *r, struct v3 half, struct surface_hit *hit)
+{
+	struct v3 inv = v3(1 / half.x, 1 / half.y, 1 / half.z);
+	struct v3 o = v3_mul(r->from, inv), d = v3_mul(r->along, inv);
+	float a = v3_dot(d, d), b = v3_dot(o, d), q = b * b - a * (v3_dot(o, o) - 1), t;
+
+	if (q <= 0)
+		return false;
+	t = (-b - sqrtf(q)) / a;
+	if (t <= 0 || t >= hit->t)
+		return false;
+	hit->t = t;
+	hit->normal = v3_unit(v3_mul(v3_mad(o, d, t), inv));
+	return true;
+}
+
+/* Flat end at height z, between two radii. */
+DIO_SIM_FN bool hit_ring(const struct ray *r, float z, float inner, float outer, float up,
+			 struct surface_hit *hit)
+{
+	float t, x, y, rr;
+
+	if (absf(r->along.z) < 1e-12f)
+		return false;
+	t = (z - r->from.z) / r->along.z;
+	if (t <= 0 || t >= hit->t)
+		return false;
+	x = r->from.x + t * r->along.x;
+	y = r->from.y + t * r->along.y;
+	rr = x * x + y * y;
+	if (rr > outer * outer || rr < inner * inner)
+		return false;
+	hit->t = t;
+	hit->normal = v3(0, 0, up);
+	return true;
+}
+
+/* Mantle of a cone whose radius is r0 at z = -h and r1 at z = h (equal: a cylinder), seen from
+ * outside (`inside` false) or inside. */
+DIO_SIM_FN bool hit_mantle(const struct ray *r, float r0, float r1, float h, bool inside,
+			   struct surface_hit *hit)
+{
+	float k = (r1 - r0) / (2 * h), m = 0.5f * (r0 + r1);
+	struct v3 o = r->from, d = r->along;
+	float ro = m + k * o.z, rd = k * d.z;
+	float a = d.x * d.x + d.y * d.y - rd * rd;
+	float b = o.x * d.x + o.y * d.y - ro * rd;
+	float q = b * b - a * (o.x * o.x + o.y * o.y - ro * ro), root, t, z;
+	struct v3 n;
+
+	if (q <= 0 || absf(a) < 1e-12f)
+		return false;
+	root = sqrtf(q);
+	t = inside == (a > 0) ? (-b + root) / a : (-b - root) / a;
+	z = o.z + t * d.z;
+	if (t <= 0 || t >= hit->t || absf(z) > h || ro + t * rd < 0)
+		return false;
+	n = v3_unit(v3(o.x + t * d.x, o.y + t * d.y, -k * (ro + t * rd)));
+	hit->t = t;
+	hit->normal = inside ? v3_scale(n, -1) : n;
+	return true;
+}
+
+DIO_SIM_FN bool hit_frustum(const struct ray *r, float r0, float r1, float h,
+			    struct surface_hit *hit)
+{
+	bool any = hit_mantle(r, r0, r1, h, false, hit);
+
+	if (r->along.z < 0)
+		any |= hit_ring(r, h, 0, r1, 1, hit);
+	else
+		any |= hit_ring(r, -h, 0, r0, -1, hit);
+	return any;
+}
+
+DIO_SIM_FN bool hit_cup(const struct ray *r, float radius, float wall, float h,
+			struct surface_hit *hit)
+{
+	float inner = radius - wall;
+	bool any = hit_mantle(r, radius, radius, h, false, hit);
+
+	any |= hit_mantle(r, inner, inner, h, true, hit);
+	if (r->along.z < 0) {
+		any |= hit_ring(r, h, inner, radius, 1, hit);
+		any |= hit_ring(r, -h + wall, 0, inner, 1, hit);
+	} else {
+		any |= hit_ring(r, -h, 0, radius, -1, hit);
+	}
+	return any;
+}
+
+DIO_SIM_FN float field_round_box(struct v3 p, struct v3 half, float radius)
+{
+	float x = absf(p.x) - half.x + radius, y = absf(p.y) - half.y + radius,
+	      z = absf(p.z) - half.z + radius;
+	struct v3 out = v3(maxf(x, 0), maxf(y, 0), maxf(z, 0));
+
+	return sqrtf(v3_dot(out, out)) + minf(maxf(x, maxf(y, z)), 0) - radius;
+}
+
+DIO_SIM_FN float field_torus(struct v3 p, float ring, float tube)
+{
+	float a = sqrtf(p.x * p.x + p.y * p.y) - ring;
+
+	return sqrtf(a * a + p.z * p.z) - tube;
+}
+
+/* Bent rod with round ends, symmetric about +x. `half_turns` is half the angle it spans. The tube
+ * thins towards its ends like a banana. */
+DIO_SIM_FN float field_arc(struct v3 p, float ring, float tube, float half_turns)
+{
+	float c = cos_turns(half_turns), s = sin_turns(half_turns);
+	float y = absf(p.y), along = p.x * c + y * s, across = p.x * s - y * c;
+
+	if (across < 0) { /* beyond the end: distance to the end point */
+		struct v3 e = v3(p.x - ring * c, y - ring * s, p.z);
+
+		return sqrtf(v3_dot(e, e)) - 0.55f * tube;
+	}
+	(void)along;
+	y = y / (absf(p.x) + y + 1e-9f); /* 0 in the middle of the arc */
+	return field_torus(p, ring, tube * (1 - 0.45f * saturate(y * y)));
+}
+
+/* Not a true distance: scaled so that a step never crosses the surface. */
+DIO_SIM_FN float field_pebble(struct v3 p, struct v3 half, float depth)
+{
+	struct v3 q = v3(p.x / half.x, p.y / half.y, p.z / half.z);
+	float k = sqrtf(v3_dot(q, q)), smallest = minf(half.x, minf(half.y, half.z));
+	float bump = sin_turns(q.x * 0.55f + depth) * sin_turns(q.y * 0.6f + 3 * depth) +
+		     0.6f * sin_turns(q.z * 0.7f + q.x * 0.3f);
+
+	return (k - 1 + depth * bump) * smallest * 0.7f;
+}
+
+DIO_SIM_FN float field_carved(struct v3 p, struct v3 half, float radius)
+{
+	float box = field_round_box(p, half, 0.06f * half.z);
+	struct v3 q = v3(p.x, p.y, p.z - half.z);
+
+	return maxf(box, radius - sqrtf(v3_dot(q, q)));
+}
+
+DIO_SIM_FN float field_of(const struct prim *s, struct v3 p)
+{
+	switch (s->shape) {
+	case SHAPE_TORUS:
+		return field_torus(p, s->half.x, s->half.y);
+	case SHAPE_ARC:
+		return field_arc(p, s->half.x, s->half.y, s->extra);
+	case SHAPE_PEBBLE:
+		return field_pebble(p, s->half, s->extra);
+	case SHAPE_CARVED:
+		return field_carved(p, s->half, s->extra);
+	default:
+		return field_round_box(p, s->half, s->extra);
+	}
+}
+
+DIO_SIM_FN bool hit_field(const struct prim *s, const struct ray *r, struct surface_hit *hit)
+{
+	float b = v3_dot(r->from, r->along);
+	float q = b * b - v3_dot(r->from, r->from) + s->bound * s->bound, t, out, tiny;
+	float e;
+	struct v3 p;
+
+	if (q <= 0)
+		return false;
+	q = sqrtf(q);
+	t = maxf(-b - q, 0);
+	out = minf(-b + q, hit->t);
+	tiny = s->bound * 1e-3f;
+	for (int step = 0; step < 48 && t < out; step++) {
+		float d = field_of(s, ray_at(r, t));
+
+		if (d < tiny)
+			break;
+		t += d;
+	}
+	if (t >= out || t <= 0)
+		return false;
+	p = ray_at(r, t);
+	if (field_of(s, p) > 4 * tiny)
+		return false;
+	/* Gradient over the corners of a tetrahedron: four values instead of six. */
+	e = s->bound * 2e-3f;
+	{
+		float a = field_of(s, v3(p.x + e, p.y - e, p.z - e));
+		float c = field_of(s, v3(p.x - e, p.y - e, p.z + e));
+		float d = field_of(s, v3(p.x - e, p.y + e, p.z - e));
+		float g = field_of(s, v3(p.x + e, p.y + e, p.z + e));
+
+		hit->normal = v3_unit(v3(a - c - d + g, -a - c + d + g, -a + c - d + g));
+	}
+	hit->t = t;
+	return true;
+}
+
+/* Nearest hit closer than hit->t from outside; hit->normal stays in the shape's frame. */
+DIO_SIM_FN bool hit_prim(const struct prim *s, const struct ray *world, struct surface_hit *hit)
+{
+	struct ray r;
+
+	r.from = rotate_back(&s->rot, v3_sub(world->from, s->centre));
+	r.along = rotate_back(&s->rot, world->along);
+	switch (s->shape) {
+	case SHAPE_BOX:
+		return hit_box(&r, s->half, hit);
+	case SHAPE_ELLIPSOID:
+		return hit_ellipsoid(&r, s->half, hit);
+	case SHAPE_CYLINDER:
+		return hit_frustum(&r, s->half.x, s->half.x, s->half.z, hit);
+	case SHAPE_FRUSTUM:
+		return hit_frustum(&r, s->half.x, s->extra, s->half.z, hit);
+	case SHAPE_CUP:
+		return hit_cup(&r, s->half.x, s->extra, s->half.z, hit);
+	default:
+		return hit_field(s, &r, hit);
+	}
+}
+
+#endif

@@ -1,0 +1,74 @@
+/* The public face of the simulated camera. */
+#include "dio/sim.h"
+
+#include <stdlib.h>
+
+#include "build.h"
+#include "render.h"
+#include "sensor.h"
+
+/* White margin of the printed board, in squares. */
+#define PAPER_MARGIN 0.6
+
+static void build(struct dio_sim_scene *s, const struct dio_sim_scene_options *o)
+{
+	struct rng rng = rng_seeded(o->seed * 4 + (uint64_t)o->kind);
+
+	s->seed = o->seed;
+	s->kind = o->kind;
+	s->board = o->board;
+	if (o->board.cols > 0 && o->board.rows > 0 && o->board.square_m > 0) {
+		s->paper_half_x = (float)((0.5 * o->board.cols + PAPER_MARGIN) * o->board.square_m);
+		s->paper_half_y = (float)((0.5 * o->board.rows + PAPER_MARGIN) * o->board.square_m);
+	}
+	switch (o->kind) {
+	case DIO_SIM_ROOM:
+		sim_build_room(s, &rng);
+		break;
+	case DIO_SIM_TURNTABLE:
+		sim_build_turntable(s, &rng);
+		break;
+	default:
+		sim_build_table(s, &rng, o->clear_board);
+		break;
+	}
+}
+
+struct dio_sim_scene *dio_sim_scene_create(const struct dio_sim_scene_options *options)
+{
+	struct dio_sim_scene *s = calloc(1, sizeof(*s));
+
+	if (s)
+		build(s, options);
+	return s;
+}
+
+void dio_sim_scene_destroy(struct dio_sim_scene *scene)
+{
+	free(scene);
+}
+
+bool dio_sim_render_float(const struct dio_sim_scene *scene, const struct dio_sim_camera *camera,
+			  const struct dio_sim_sensor *sensor, uint32_t samples, float *rgb)
+{
+	static const struct dio_sim_sensor perfect;
+
+	return sim_render_linear(scene, camera, samples, rgb) &&
+	       sim_sensor_expose(sensor ? sensor : &perfect, camera, rgb);
+}
+
+bool dio_sim_render(const struct dio_sim_scene *scene, const struct dio_sim_camera *camera,
+		    const struct dio_sim_sensor *sensor, uint32_t samples, uint8_t *rgb)
+{
+	size_t values = (size_t)camera->width * camera->height * 3;
+	float *picture = malloc(values * sizeof(float));
+	bool ok = picture && dio_sim_render_float(scene, camera, sensor, samples, picture);
+
+	if (ok) {
+		if (sensor)
+			sim_sensor_add_noise(sensor, values, picture);
+		sim_sensor_quantise(picture, values, rgb);
+	}
+	free(picture);
+	return ok;
+}

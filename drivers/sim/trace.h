@@ -1,0 +1,201 @@
+/* Ray against scene. */
+#ifndef DIO_SIM_TRACE_H
+#define DIO_SIM_TRACE_H
+
+#include "shape.h"
+#include "texture.h"
+
+/* What a ray met, enough to shade it. */
+struct scene_hit {
+	float t;
+	struct v3 point, normal;
+	const struct material *material; /* NULL: the sky */
+	struct place place;
+	uint32_t id; /* tells surfaces apart */
+};
+
+enum {
+	SIM_ID_SKY = 0,
+	SIM_ID_GROUND = 1,
+	SIM_ID_WALL = 2,
+	SIM_ID_PRIM = 8,
+};
+
+/* Things whose bounding sphere a ray from `o` along `d` enters before `limit`; one bit each. */
+DIO_SIM_FN uint64_t things_touched(const struct dio_sim_scene *s, struct v3 o, struct v3 d,
+				   float limit, float widen)
+{
+	float gap[SIM_MAX_THINGS];
+	uint64_t touched = 0;
+
+	for (uint32_t i = 0; i < s->thing_count; i++) {
+		float x = s->bound_x[i] - o.x, y = s->bound_y[i] - o.y, z = s->bound_z[i] - o.z;
+		float along = x * d.x + y * d.y + z * d.z;
+		float at = clampf(along, 0, limit), r = s->bound_r[i] + widen * at;
+
+		x -= at * d.x;
+		y -= at * d.y;
+		z -= at * d.z;
+		gap[i] = r * r - (x * x + y * y + z * z);
+	}
+	for (uint32_t i = 0; i < s->thing_count; i++)
+		touched |= (uint64_t)(gap[i] > 0) << i;
+	return touched;
+}
+
+DIO_SIM_FN bool prim_may_hit(const struct prim *p, const struct ray *r, float limit)
+{
+	struct v3 c = v3_sub(p->centre, r->from);
+	float along = v3_dot(c, r->along), bb = p->bound * p->bound;
+
+	return along > -p->bound && along - p->bound < limit && v3_dot(c, c) - along * along < bb;
+}
+
+/* Unrolled coordinates in metres for textures that lie on a sheet. */
+DIO_SIM_FN struct v2 prim_sheet(const struct prim *p, struct v3 q, struct v3 n)
+{
+	struct v3 a = v3(absf(n.x), absf(n.y), absf(n.z));
+
+	switch (p->shape) {
+	case SHAPE_CYLINDER:
+	case SHAPE_FRUSTUM:
+	case SHAPE_CUP:
+		if (a.z > 0.9f)
+			return v2(q.x, q.y);
+		return v2(atan2_turns(q.y, q.x) * 2 * SIM_PI * p->half.x, -q.z);
+	case SHAPE_ELLIPSOID:
+	case SHAPE_PEBBLE:
+		return v2(atan2_turns(q.y, q.x) * 2 * SIM_PI * p->half.x, -q.z * 1.3f);
+	case SHAPE_TORUS:
+	case SHAPE_ARC: {
+		float ring = sqrtf(q.x * q.x + q.y * q.y) - p->half.x;
+
+		return v2(atan2_turns(q.y, q.x) * 2 * SIM_PI * p->half.x,
+			  atan2_turns(q.z, ring) * 2 * SIM_PI * p->half.y);
+	}
+	default:
+		if (a.z >= a.x && a.z >= a.y)
+			return v2(q.x, q.y * (n.z > 0 ? -1 : 1));
+		if (a.x >= a.y)
+			return v2(q.y * (n.x > 0 ? 1 : -1), -q.z);
+		return v2(q.x * (n.y > 0 ? -1 : 1), -q.z);
+	}
+}
+
+DIO_SIM_FN void finish_prim_hit(const struct prim *p, uint32_t index, const struct ray *r,
+				const struct surface_hit *h, struct scene_hit *hit)
+{
+	struct v3 q;
+
+	hit->point = ray_at(r, h->t);
+	q = rotate_back(&p->rot, v3_sub(hit->point, p->centre));
+	hit->t = h->t;
+	hit->normal = rotate(&p->rot, h->normal);
+	hit->material = &p->material;
+	hit->place.solid = q;
+	hit->place.sheet = prim_sheet(p, q, h->normal);
+	/* Faces of a box count as surfaces of their own. */
+	hit->id = SIM_ID_PRIM + 4 * index;
+	if (p->shape == SHAPE_BOX)
+		hit->id += h->normal.x != 0 ? 1 : h->normal.y != 0 ? 2 : 3;
+}
+
+DIO_SIM_FN void hit_walls(const struct dio_sim_scene *s, const struct ray *r, struct scene_hit *hit)
+{
+	const float from[3] = {r->from.x, r->from.y, r->from.z};
+	const float along[3] = {r->along.x, r->along.y, r->along.z};
+	const float lo[3] = {s->room_lo.x, s->room_lo.y, s->room_lo.z};
+	const float hi[3] = {s->room_hi.x, s->room_hi.y, s->room_hi.z};
+	float best = SIM_FAR, inward;
+	int axis = 2;
+
+	for (int i = 0; i < 3; i++) {
+		float d = absf(along[i]) < 1e-12f ? 1e-12f : along[i];
+		float t = ((d > 0 ? hi[i] : lo[i]) - from[i]) / d;
+
+		if (t < best) {
+			best = t;
+			axis = i;
+		}
+	}
+	if (best <= 0 || best >= hit->t)
+		return;
+	hit->t = best;
+	hit->point = ray_at(r, best);
+	inward = along[axis] > 0 ? -1 : 1;
+	hit->normal = v3(axis == 0 ? inward : 0, axis == 1 ? inward : 0, axis == 2 ? inward : 0);
+	hit->material = &s->wall[2 * axis + (along[axis] > 0)];
+	hit->place.solid = hit->point;
+	hit->place.sheet = axis == 2   ? v2(hit->point.x, hit->point.y)
+			   : axis == 1 ? v2(hit->point.x, -hit->point.z)
+				       : v2(hit->point.y, -hit->point.z);
+	hit->id = SIM_ID_WALL + (uint32_t)(2 * axis + (along[axis] > 0));
+}
+
+DIO_SIM_FN void hit_ground(const struct dio_sim_scene *s, const struct ray *r,
+			   struct scene_hit *hit)
+{
+	float t;
+
+	if (!s->has_ground || r->along.z > -1e-6f)
+		return;
+	t = (s->ground_z - r->from.z) / r->along.z;
+	if (t <= 0 || t >= hit->t)
+		return;
+	hit->t = t;
+	hit->point = ray_at(r, t);
+	hit->normal = v3(0, 0, 1);
+	hit->material = &s->ground;
+	hit->place.solid = hit->point;
+	hit->place.sheet = v2(hit->point.x, -hit->point.y);
+	hit->id = SIM_ID_GROUND;
+}
+
+/* Nearest surface among the things of `mask` and the surroundings. */
+DIO_SIM_FN void trace_nearest(const struct dio_sim_scene *s, const struct ray *r, uint64_t mask,
+			      struct scene_hit *hit)
+{
+	struct surface_hit h;
+	uint32_t best = SIM_MAX_PRIMS;
+
+	hit->t = SIM_FAR;
+	hit->material = NULL;
+	hit->id = SIM_ID_SKY;
+	if (s->surround == SURROUND_ROOM)
+		hit_walls(s, r, hit);
+	hit_ground(s, r, hit);
+	h.t = hit->t;
+	h.normal = v3(0, 0, 1);
+	for (uint32_t i = 0; mask >> i; i++) {
+		const struct thing *thing = &s->thing[i];
+
+		if (!(mask >> i & 1))
+			continue;
+		for (uint32_t k = thing->first; k < thing->first + thing->count; k++)
+			if (prim_may_hit(&s->prim[k], r, h.t) && hit_prim(&s->prim[k], r, &h))
+				best = k;
+	}
+	if (best < SIM_MAX_PRIMS)
+		finish_prim_hit(&s->prim[best], best, r, &h, hit);
+}
+
+/* Is anything in the way before `limit`? */
+DIO_SIM_FN bool trace_blocked(const struct dio_sim_scene *s, const struct ray *r, uint64_t mask,
+			      float limit)
+{
+	struct surface_hit h;
+
+	h.t = limit;
+	for (uint32_t i = 0; mask >> i; i++) {
+		const struct thing *thing = &s->thing[i];
+
+		if (!(mask >> i & 1))
+			continue;
+		for (uint32_t k = thing->first; k < thing->first + thing->count; k++)
+			if (prim_may_hit(&s->prim[k], r, limit) && hit_prim(&s->prim[k], r, &h))
+				return true;
+	}
+	return false;
+}
+
+#endif
