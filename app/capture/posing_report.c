@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "capture/posing.h"
-#include "core/file.h"
+#include "core/path.h"
 #include "core/json_out.h"
 
 static const char *use_text(enum dio_posed_use use)

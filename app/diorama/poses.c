@@ -5,7 +5,7 @@
 
 #include "capture/posing.h"
 #include "commands.h"
-#include "core/file.h"
+#include "core/path.h"
 #include "core/json_out.h"
 #include "core/log.h"
 #include "core/options.h"

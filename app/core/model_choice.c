@@ -1,0 +1,175 @@
+#include "core/model_choice.h"
+
+#include <cjson/cJSON.h>
+#include <dirent.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "core/path.h"
+#include "core/text.h"
+
+#define CARD_BYTES_MAX (1u << 20)
+#define PATCH_MAX_PX   256
+#define TOKENS_MAX     1000000
+
+static const char ENDING[] = ".safetensors";
+
+/* NAME.json of NAME.safetensors, NULL when memory is short. */
+static char *card_path(const char *model_path)
+{
+	size_t length = strlen(model_path), ending = strlen(ENDING);
+	char *path;
+
+	if (length > ending && strcmp(model_path + length - ending, ENDING) == 0)
+		length -= ending;
+	return asprintf(&path, "%.*s.json", (int)length, model_path) < 0 ? NULL : path;
+}
+
+/* `card` receives NULL when there is none. */
+static enum dio_status read_card(const char *model_path, cJSON **card, struct dio_error *error)
+{
+	char *path = card_path(model_path), *text = NULL;
+	enum dio_status status = DIO_OK;
+	size_t size;
+
+	*card = NULL;
+	if (!path)
+		return dio_fail(error, DIO_NO_MEM, "%s: no memory", model_path);
+	if (dio_path_is_file(path)) {
+		status = dio_text_read(path, CARD_BYTES_MAX, &text, &size, error);
+		if (status == DIO_OK)
+			*card = cJSON_ParseWithLength(text, size);
+		if (status == DIO_OK && !cJSON_IsObject(*card)) {
+			cJSON_Delete(*card);
+			*card = NULL;
+			status = dio_fail(error, DIO_BAD_FILE, "%s: is not a JSON object", path);
+		}
+	}
+	free(text);
+	free(path);
+	return status;
+}
+
+enum dio_status dio_model_read_tokens_per_view(const char *model_path, uint32_t *tokens,
+					       struct dio_error *error)
+{
+	cJSON *card;
+	const cJSON *item;
+	enum dio_status status = read_card(model_path, &card, error);
+
+	if (status != DIO_OK)
+		return status;
+	item = cJSON_GetObjectItemCaseSensitive(card, "tokens_per_view");
+	if (!item)
+		*tokens = 0;
+	else if (cJSON_IsNumber(item) && item->valuedouble >= 1 && item->valuedouble <= TOKENS_MAX)
+		*tokens = (uint32_t)item->valuedouble;
+	else
+		status =
+			dio_fail(error, DIO_BAD_FILE,
+				 "the card of %s: \"tokens_per_view\" is not a number from 1 to %d",
+				 model_path, TOKENS_MAX);
+	cJSON_Delete(card);
+	return status;
+}
+
+uint32_t dio_model_choose_patch(uint32_t tokens_per_view, uint32_t patch_px, uint32_t width,
+				uint32_t height)
+{
+	uint32_t best = patch_px;
+	double best_off = INFINITY;
+
+	if (tokens_per_view == 0)
+		return patch_px;
+	for (uint32_t p = 1; p <= PATCH_MAX_PX; p++) {
+		double tokens = fmax(1, floor((double)width / p + 0.5)) *
+				fmax(1, floor((double)height / p + 0.5));
+		double off = fabs(log(tokens / tokens_per_view));
+
+		if (off <= best_off) {
+			best_off = off;
+			best = p;
+		}
+	}
+	return best;
+}
+
+static bool is_model_name(const char *name)
+{
+	size_t length = strlen(name), ending = strlen(ENDING);
+
+	return name[0] != '.' && length > ending && strcmp(name + length - ending, ENDING) == 0;
+}
+
+static bool is_default(const char *model_path)
+{
+	cJSON *card;
+	bool yes;
+
+	if (read_card(model_path, &card, NULL) != DIO_OK)
+		return false;
+	yes = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(card, "default"));
+	cJSON_Delete(card);
+	return yes;
+}
+
+/* The model that a folder offers, or NULL. */
+static char *find_in_folder(const char *folder)
+{
+	struct dirent **names;
+	int count = scandir(folder, &names, NULL, alphasort);
+	char *found = NULL;
+	bool settled = false;
+
+	for (int i = 0; i < count; i++) {
+		char *path = is_model_name(names[i]->d_name)
+				     ? dio_path_join(folder, names[i]->d_name)
+				     : NULL;
+
+		if (path && !settled) {
+			settled = is_default(path);
+			if (settled || !found) {
+				free(found);
+				found = path;
+				path = NULL;
+			}
+		}
+		free(path);
+		free(names[i]);
+	}
+	if (count >= 0)
+		free(names);
+	return found;
+}
+
+enum dio_status dio_model_find_shipped(char **path, struct dio_error *error)
+{
+	static const char *const PLACES[] = {
+		"models", "../models", "../../models", "../../../models", "../share/diorama/models",
+	};
+	char program[4096];
+	ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);
+	char *folder = NULL, *found = NULL;
+
+	if (length > 0) {
+		program[length] = '\0';
+		folder = dio_path_folder(program);
+	}
+	for (size_t i = 0; folder && !found && i < sizeof PLACES / sizeof *PLACES; i++) {
+		char *place = dio_path_join(folder, PLACES[i]);
+
+		if (place)
+			found = find_in_folder(place);
+		free(place);
+	}
+	free(folder);
+	if (!found)
+		return dio_fail(error, DIO_NOT_FOUND,
+				"no model is shipped beside the program: name one with --model");
+	*path = found;
+	return DIO_OK;
+}

@@ -1,0 +1,269 @@
+#include "core/session.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/model_choice.h"
+#include "core/progress.h"
+
+struct dio_session {
+	char *model_path;
+	struct dvsm_model *model;
+	struct dvsm_engine *engine;
+	struct dvsm_scene *scene;
+	uint32_t tokens_per_view; /* that the weights were trained with; 0: unknown */
+	uint32_t patch_recon, patch_render;
+	float *pixels; /* scratch of dio_session_render_picture() */
+	size_t pixel_room;
+};
+
+enum dio_status dio_status_from_engine(enum dvsm_status status, const struct dvsm_error *from,
+				       struct dio_error *error)
+{
+	static const enum dio_status OURS[] = {
+		[DVSM_OK] = DIO_OK,
+		[DVSM_BAD_ARG] = DIO_BAD_ARG,
+		[DVSM_BAD_FILE] = DIO_BAD_FILE,
+		[DVSM_IO] = DIO_IO,
+		[DVSM_NO_MEM] = DIO_NO_MEM,
+		[DVSM_MISMATCH] = DIO_BAD_FILE,
+		[DVSM_UNSUPPORTED] = DIO_UNSUPPORTED,
+		[DVSM_CANCELLED] = DIO_END,
+	};
+
+	if (status == DVSM_OK)
+		return DIO_OK;
+	return dio_fail(error, OURS[status], "%s",
+			*from->text ? from->text : dvsm_status_text(status));
+}
+
+static enum dio_status open_engine(struct dio_session *session,
+				   const struct dio_session_options *options,
+				   struct dio_error *error)
+{
+	const struct dvsm_engine_options engine = {.threads = options->threads,
+						   .cpu_mask = options->cpu_mask};
+	struct dvsm_error fault = {0};
+	enum dvsm_status status = dvsm_model_open(session->model_path, &session->model, &fault);
+
+	if (status == DVSM_OK)
+		status = dvsm_engine_create(session->model, &engine, &session->engine, &fault);
+	return dio_status_from_engine(status, &fault, error);
+}
+
+enum dio_status dio_session_open(const struct dio_session_options *options,
+				 struct dio_session **session, struct dio_error *error)
+{
+	struct dio_session *made = calloc(1, sizeof *made);
+	enum dio_status status = DIO_OK;
+
+	if (!made)
+		return dio_fail(error, DIO_NO_MEM, "no memory for a session");
+	made->patch_recon = options->patch_recon;
+	made->patch_render = options->patch_render;
+	if (!options->model)
+		status = dio_model_find_shipped(&made->model_path, error);
+	else if (!(made->model_path = strdup(options->model)))
+		status = dio_fail(error, DIO_NO_MEM, "%s: no memory", options->model);
+	if (status == DIO_OK)
+		status = dio_model_read_tokens_per_view(made->model_path, &made->tokens_per_view,
+							error);
+	if (status == DIO_OK)
+		status = open_engine(made, options, error);
+	if (status == DIO_OK)
+		*session = made;
+	else
+		dio_session_close(made);
+	return status;
+}
+
+void dio_session_close(struct dio_session *session)
+{
+	if (!session)
+		return;
+	dvsm_scene_destroy(session->scene);
+	dvsm_engine_destroy(session->engine);
+	dvsm_model_close(session->model);
+	free(session->model_path);
+	free(session->pixels);
+	free(session);
+}
+
+const struct dvsm_model *dio_session_get_model(const struct dio_session *session)
+{
+	return session->model;
+}
+
+const struct dvsm_engine *dio_session_get_engine(const struct dio_session *session)
+{
+	return session->engine;
+}
+
+const struct dvsm_scene *dio_session_get_scene(const struct dio_session *session)
+{
+	return session->scene;
+}
+
+const char *dio_session_get_model_path(const struct dio_session *session)
+{
+	return session->model_path;
+}
+
+static uint32_t choose_patch(const struct dio_session *session, uint32_t wished, uint32_t width,
+			     uint32_t height)
+{
+	const struct dvsm_model_config *config = dvsm_model_get_config(session->model);
+
+	return wished ? wished
+		      : dio_model_choose_patch(session->tokens_per_view, config->patch_px, width,
+					       height);
+}
+
+uint32_t dio_session_get_patch_render(const struct dio_session *session,
+				      const struct dio_camera_model *camera)
+{
+	return choose_patch(session, session->patch_render, camera->width, camera->height);
+}
+
+/* The views as the engine takes them: the floats of all pictures lie in one block. */
+static struct dvsm_view *make_engine_views(const struct dio_view *views, uint32_t count,
+					   float **block, struct dio_error *error)
+{
+	struct dvsm_view *made = calloc(count ? count : 1, sizeof *made);
+	size_t total = 0, used = 0;
+
+	for (uint32_t i = 0; i < count; i++)
+		total += (size_t)views[i].camera.width * views[i].camera.height * 3;
+	*block = malloc(total ? total * sizeof **block : 1);
+	if (!made || !*block) {
+		free(made);
+		free(*block);
+		dio_fail(error, DIO_NO_MEM, "no memory for %u pictures as floats (%zu MiB)", count,
+			 total * sizeof **block >> 20);
+		return NULL;
+	}
+	for (uint32_t i = 0; i < count; i++) {
+		size_t numbers = (size_t)views[i].camera.width * views[i].camera.height * 3;
+		float *rgb = *block + used;
+
+		for (size_t n = 0; n < numbers; n++)
+			rgb[n] = (float)views[i].picture.rgb[n] / 255.0f;
+		made[i].camera = dio_view_engine_camera(&views[i].camera, &views[i].pose);
+		made[i].rgb = rgb;
+		used += numbers;
+	}
+	return made;
+}
+
+enum dio_status dio_session_reconstruct(struct dio_session *session, const struct dio_view *views,
+					uint32_t count, struct dvsm_stats *stats,
+					struct dio_error *error)
+{
+	struct dvsm_error fault = {0};
+	struct dvsm_scene *scene = NULL;
+	struct dio_progress progress;
+	struct dvsm_view *made;
+	enum dvsm_status status;
+	uint32_t patch_px;
+	float *block;
+
+	for (uint32_t i = 0; i < count; i++)
+		if (!views[i].picture.rgb)
+			return dio_fail(error, DIO_BAD_ARG, "view %s: has no picture",
+					views[i].name);
+	made = make_engine_views(views, count, &block, error);
+	if (!made)
+		return DIO_NO_MEM;
+	patch_px = choose_patch(session, session->patch_recon, count ? views[0].camera.width : 1,
+				count ? views[0].camera.height : 1);
+	dio_progress_init(&progress, "reconstructing");
+	status = dvsm_reconstruct(session->engine, made, count, patch_px, dio_progress_engine,
+				  &progress, &scene, stats, &fault);
+	dio_progress_done(&progress);
+	free(made);
+	free(block);
+	if (status != DVSM_OK)
+		return dio_status_from_engine(status, &fault, error);
+	dvsm_scene_destroy(session->scene);
+	session->scene = scene;
+	return DIO_OK;
+}
+
+enum dio_status dio_session_open_scene(struct dio_session *session, const char *path,
+				       struct dio_error *error)
+{
+	struct dvsm_error fault = {0};
+	struct dvsm_scene *scene = NULL;
+	enum dvsm_status status = dvsm_scene_open(path, session->model, &scene, &fault);
+
+	if (status != DVSM_OK)
+		return dio_status_from_engine(status, &fault, error);
+	dvsm_scene_destroy(session->scene);
+	session->scene = scene;
+	return DIO_OK;
+}
+
+enum dio_status dio_session_save_scene(const struct dio_session *session, const char *path,
+				       struct dio_error *error)
+{
+	struct dvsm_error fault = {0};
+
+	return dio_status_from_engine(dvsm_scene_save(session->scene, path, &fault), &fault, error);
+}
+
+enum dio_status dio_session_render(struct dio_session *session,
+				   const struct dio_camera_model *camera,
+				   const struct dio_pose *pose, float *rgb,
+				   struct dvsm_stats *stats, struct dio_error *error)
+{
+	struct dvsm_camera engine_camera = dio_view_engine_camera(camera, pose);
+	struct dvsm_error fault = {0};
+
+	return dio_status_from_engine(dvsm_render(session->engine, session->scene, &engine_camera,
+						  dio_session_get_patch_render(session, camera),
+						  rgb, stats, &fault),
+				      &fault, error);
+}
+
+void dio_picture_from_float(const float *rgb, struct dio_picture *picture)
+{
+	size_t numbers = (size_t)picture->width * picture->height * 3;
+
+	for (size_t i = 0; i < numbers; i++) {
+		float value = rgb[i] * 255.0f + 0.5f;
+
+		/* The first test also sends a number that is not finite to black. */
+		picture->rgb[i] = !(value > 0) ? 0 : value >= 255 ? 255 : (uint8_t)value;
+	}
+}
+
+enum dio_status dio_session_render_picture(struct dio_session *session,
+					   const struct dio_camera_model *camera,
+					   const struct dio_pose *pose, struct dio_picture *picture,
+					   struct dvsm_stats *stats, struct dio_error *error)
+{
+	size_t numbers = (size_t)camera->width * camera->height * 3;
+	enum dio_status status;
+
+	if (numbers > session->pixel_room) {
+		float *pixels = realloc(session->pixels, numbers * sizeof *pixels);
+
+		if (!pixels)
+			return dio_fail(error, DIO_NO_MEM, "no memory for a %ux%u picture",
+					camera->width, camera->height);
+		session->pixels = pixels;
+		session->pixel_room = numbers;
+	}
+	if (picture->width != camera->width || picture->height != camera->height) {
+		dio_picture_deinit(picture);
+		status = dio_picture_init(picture, camera->width, camera->height);
+		if (status != DIO_OK)
+			return dio_fail(error, status, "no memory for a %ux%u picture",
+					camera->width, camera->height);
+	}
+	status = dio_session_render(session, camera, pose, session->pixels, stats, error);
+	if (status == DIO_OK)
+		dio_picture_from_float(session->pixels, picture);
+	return status;
+}
