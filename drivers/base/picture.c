@@ -170,22 +170,26 @@ static bool ends_with(const char *path, const char *ending)
 	return n > m && strcasecmp(path + n - m, ending) == 0;
 }
 
+enum dio_status dio_picture_encode(const char *name, const struct dio_picture *picture,
+				   uint8_t **bytes, size_t *size, struct dio_error *error)
+{
+	if (!picture->rgb)
+		return dio_fail(error, DIO_BAD_ARG, "%s: no picture to write", name);
+	if (ends_with(name, ".png"))
+		return dio_png_encode(picture, name, bytes, size, error);
+	if (ends_with(name, ".jpg") || ends_with(name, ".jpeg"))
+		return dio_jpeg_encode(picture, name, bytes, size, error);
+	return dio_fail(error, DIO_BAD_ARG, "%s: a picture's name must end in .png, .jpg or .jpeg",
+			name);
+}
+
 enum dio_status dio_picture_write(const char *path, const struct dio_picture *picture,
 				  struct dio_error *error)
 {
 	uint8_t *bytes;
 	size_t size;
-	enum dio_status status;
+	enum dio_status status = dio_picture_encode(path, picture, &bytes, &size, error);
 
-	if (!picture->rgb)
-		return dio_fail(error, DIO_BAD_ARG, "%s: no picture to write", path);
-	if (ends_with(path, ".png"))
-		status = dio_png_encode(picture, path, &bytes, &size, error);
-	else if (ends_with(path, ".jpg") || ends_with(path, ".jpeg"))
-		status = dio_jpeg_encode(picture, path, &bytes, &size, error);
-	else
-		return dio_fail(error, DIO_BAD_ARG,
-				"%s: a picture's name must end in .png, .jpg or .jpeg", path);
 	if (status != DIO_OK)
 		return status;
 	status = dio_atomic_file_write(path, bytes, size, error);

@@ -65,6 +65,9 @@ struct dio_frame dio_frame_from_picture(const struct dio_picture *picture);
 /**
  * Read a PNG or JPEG file (by content, not by name) as RGB; 16-bit and palette are converted, alpha
  * is laid over white. EXIF orientation is not applied: calibration and poses speak of stored pixels.
+ * A truncated or damaged file is refused, never filled up with grey.
+ *
+ * picture  receives a new picture; what it held before is not released
  */
 enum dio_status dio_picture_read(const char *path, struct dio_picture *picture,
 				 struct dio_error *error);
@@ -72,6 +75,14 @@ enum dio_status dio_picture_read(const char *path, struct dio_picture *picture,
 /** Decode PNG or JPEG bytes; `name` is for messages. */
 enum dio_status dio_picture_decode(const uint8_t *bytes, size_t size, const char *name,
 				   struct dio_picture *picture, struct dio_error *error);
+
+/**
+ * Encode as PNG or JPEG by the ending of `name`, as dio_picture_write() does.
+ *
+ * bytes  receives the memory; release with free()
+ */
+enum dio_status dio_picture_encode(const char *name, const struct dio_picture *picture,
+				   uint8_t **bytes, size_t *size, struct dio_error *error);
 
 /** Write beside, sync, rename. PNG by the name's ending ".png", JPEG quality 95 by ".jpg"/".jpeg". */
 enum dio_status dio_picture_write(const char *path, const struct dio_picture *picture,

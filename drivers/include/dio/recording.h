@@ -1,4 +1,5 @@
-/* A recording: a folder with frames/NNNNNN.{png,jpg} and recording.json (timestamps, camera). */
+/* A recording: a folder with frames/NNNNNN.{png,jpg} and recording.json (camera; timestamp, sequence
+ * and checksum of each frame). */
 #ifndef DIO_RECORDING_H
 #define DIO_RECORDING_H
 
@@ -18,7 +19,8 @@ struct dio_recorder;
 /**
  * Start a recording in a new folder (made; an existing recording is refused with DIO_BAD_ARG).
  * MJPEG frames are stored as they came, others as PNG. Each frame is written beside and renamed,
- * recording.json is rewritten the same way: a power cut loses at most the frame in flight.
+ * then a line with its time and checksum goes to recording.journal; closing folds the journal into
+ * recording.json. Replay reads both, so a power cut loses at most the frame in flight.
  */
 enum dio_status dio_recorder_open(const char *folder, const struct dio_camera_info *camera,
 				  struct dio_recorder **recorder, struct dio_error *error);
