@@ -1,0 +1,19 @@
+/* What every f32_<tier>.c needs before the templates. */
+#ifndef DVSM_KERNELS_F32_TIER_H
+#define DVSM_KERNELS_F32_TIER_H
+
+#include <math.h>
+#include <string.h>
+
+#include "kernels/kernels.h"
+
+#define DVSM_INLINE static inline __attribute__((always_inline))
+
+/* Loops over a tile's registers must vanish, or the sums would live in memory. */
+#if defined(__clang__)
+#define DVSM_UNROLL _Pragma("clang loop unroll(full)")
+#else
+#define DVSM_UNROLL _Pragma("GCC unroll 16")
+#endif
+
+#endif

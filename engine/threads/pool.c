@@ -1,0 +1,240 @@
+#include "threads/pool.h"
+
+#include <pthread.h>
+#include <sched.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "base/error.h"
+
+/* Polls before a thread sleeps: about ten microseconds, the gap between two jobs of a layer. */
+#define SPINS 300
+
+struct worker {
+	struct dvsm_pool *pool;
+	pthread_t thread;
+	uint32_t index;
+};
+
+struct dvsm_pool {
+	uint32_t threads;
+	uint32_t started; /* workers to join; worker 0 is the caller and has no thread */
+
+	pthread_mutex_t mutex;
+	pthread_cond_t wake; /* to workers: a job opened, or stop */
+	pthread_cond_t idle; /* to the caller: the last worker left the job */
+
+	/* The job. A worker enters it under the mutex and only while it is open, so the caller need
+	 * not wait for workers that never woke up.
+	 */
+	dvsm_task_fn *task;
+	void *context;
+	size_t count;
+	bool open, stop;
+	uint32_t sleepers;
+
+	_Atomic uint64_t generation; /* of the job; workers poll it */
+	_Atomic size_t next;	     /* task to claim */
+	_Atomic uint32_t inside;     /* workers in the job; the caller polls it */
+
+	struct worker workers[];
+};
+
+uint32_t dvsm_pool_processors(void)
+{
+	uint32_t found = 1;
+
+	/* The kernel refuses a mask smaller than its own; grow until it fits. */
+	for (int cpus = 1024; cpus <= 1 << 20; cpus *= 4) {
+		cpu_set_t *set = CPU_ALLOC(cpus);
+		size_t size = CPU_ALLOC_SIZE(cpus);
+
+		if (!set)
+			break;
+		bool fits = sched_getaffinity(0, size, set) == 0;
+
+		if (fits)
+			found = (uint32_t)CPU_COUNT_S(size, set);
+		CPU_FREE(set);
+		if (fits)
+			break;
+	}
+	if (found < 1)
+		return 1;
+	return found < DVSM_MAX_THREADS ? found : DVSM_MAX_THREADS;
+}
+
+static inline void relax(void)
+{
+#if defined(__x86_64__)
+	__builtin_ia32_pause();
+#elif defined(__aarch64__)
+	__asm__ volatile("yield");
+#endif
+}
+
+static void take_tasks(struct dvsm_pool *pool, dvsm_task_fn *task, void *context, size_t count,
+		       uint32_t worker)
+{
+	for (;;) {
+		size_t index = atomic_fetch_add_explicit(&pool->next, 1, memory_order_relaxed);
+
+		if (index >= count)
+			return;
+		task(context, index, worker);
+	}
+}
+
+/* Wait for a generation other than `seen`, or for the end; called and left with the mutex held. */
+static void wait_for_job(struct dvsm_pool *pool, uint64_t seen)
+{
+	pthread_mutex_unlock(&pool->mutex);
+	for (int i = 0; i < SPINS; i++) {
+		if (atomic_load_explicit(&pool->generation, memory_order_relaxed) != seen)
+			break;
+		relax();
+	}
+	pthread_mutex_lock(&pool->mutex);
+	while (atomic_load_explicit(&pool->generation, memory_order_relaxed) == seen) {
+		pool->sleepers++;
+		pthread_cond_wait(&pool->wake, &pool->mutex);
+		pool->sleepers--;
+	}
+}
+
+static void *worker_main(void *argument)
+{
+	struct worker *worker = argument;
+	struct dvsm_pool *pool = worker->pool;
+	uint64_t seen = 0;
+
+	pthread_mutex_lock(&pool->mutex);
+	for (;;) {
+		wait_for_job(pool, seen);
+		seen = atomic_load_explicit(&pool->generation, memory_order_relaxed);
+		if (pool->stop)
+			break;
+		if (!pool->open)
+			continue;
+		atomic_fetch_add_explicit(&pool->inside, 1, memory_order_relaxed);
+
+		dvsm_task_fn *task = pool->task;
+		void *context = pool->context;
+		size_t count = pool->count;
+
+		pthread_mutex_unlock(&pool->mutex);
+		take_tasks(pool, task, context, count, worker->index);
+		pthread_mutex_lock(&pool->mutex);
+		if (atomic_fetch_sub_explicit(&pool->inside, 1, memory_order_release) == 1)
+			pthread_cond_signal(&pool->idle);
+	}
+	pthread_mutex_unlock(&pool->mutex);
+	return NULL;
+}
+
+static void next_generation(struct dvsm_pool *pool)
+{
+	atomic_fetch_add_explicit(&pool->generation, 1, memory_order_relaxed);
+	if (pool->sleepers > 0)
+		pthread_cond_broadcast(&pool->wake);
+}
+
+void dvsm_pool_run(struct dvsm_pool *pool, size_t count, dvsm_task_fn *task, void *context)
+{
+	if (pool->threads == 1 || count <= 1) {
+		for (size_t i = 0; i < count; i++)
+			task(context, i, 0);
+		return;
+	}
+
+	pthread_mutex_lock(&pool->mutex);
+	pool->task = task;
+	pool->context = context;
+	pool->count = count;
+	pool->open = true;
+	atomic_store_explicit(&pool->next, 0, memory_order_relaxed);
+	next_generation(pool);
+	pthread_mutex_unlock(&pool->mutex);
+
+	take_tasks(pool, task, context, count, 0);
+
+	pthread_mutex_lock(&pool->mutex);
+	pool->open = false;
+	pthread_mutex_unlock(&pool->mutex);
+	for (int i = 0; i < SPINS; i++) {
+		if (atomic_load_explicit(&pool->inside, memory_order_acquire) == 0)
+			return;
+		relax();
+	}
+	pthread_mutex_lock(&pool->mutex);
+	while (atomic_load_explicit(&pool->inside, memory_order_acquire) > 0)
+		pthread_cond_wait(&pool->idle, &pool->mutex);
+	pthread_mutex_unlock(&pool->mutex);
+}
+
+static bool start_workers(struct dvsm_pool *pool)
+{
+	for (uint32_t i = 1; i < pool->threads; i++) {
+		struct worker *worker = &pool->workers[i];
+		char name[16];
+
+		worker->pool = pool;
+		worker->index = i;
+		if (pthread_create(&worker->thread, NULL, worker_main, worker))
+			return false;
+		pool->started++;
+		snprintf(name, sizeof(name), "dvsm-%u", i);
+		pthread_setname_np(worker->thread, name);
+	}
+	return true;
+}
+
+enum dvsm_status dvsm_pool_create(uint32_t threads, struct dvsm_pool **pool,
+				  struct dvsm_error *error)
+{
+	if (threads < 1 || threads > DVSM_MAX_THREADS)
+		return dvsm_fail(error, DVSM_BAD_ARG, "%u threads: 1 to %u are possible", threads,
+				 DVSM_MAX_THREADS);
+
+	struct dvsm_pool *made = calloc(1, sizeof(*made) + threads * sizeof(made->workers[0]));
+
+	if (!made)
+		return dvsm_fail(error, DVSM_NO_MEM, "no memory for a pool of %u threads", threads);
+	made->threads = threads;
+	pthread_mutex_init(&made->mutex, NULL);
+	pthread_cond_init(&made->wake, NULL);
+	pthread_cond_init(&made->idle, NULL);
+	if (!start_workers(made)) {
+		uint32_t started = made->started;
+
+		dvsm_pool_destroy(made);
+		return dvsm_fail(error, DVSM_NO_MEM,
+				 "thread %u of %u could not be started: ask for fewer threads",
+				 started + 2, threads);
+	}
+	*pool = made;
+	return DVSM_OK;
+}
+
+void dvsm_pool_destroy(struct dvsm_pool *pool)
+{
+	if (!pool)
+		return;
+	pthread_mutex_lock(&pool->mutex);
+	pool->stop = true;
+	next_generation(pool);
+	pthread_mutex_unlock(&pool->mutex);
+	for (uint32_t i = 1; i <= pool->started; i++)
+		pthread_join(pool->workers[i].thread, NULL);
+	pthread_cond_destroy(&pool->idle);
+	pthread_cond_destroy(&pool->wake);
+	pthread_mutex_destroy(&pool->mutex);
+	free(pool);
+}
+
+uint32_t dvsm_pool_get_threads(const struct dvsm_pool *pool)
+{
+	return pool->threads;
+}
