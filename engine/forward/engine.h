@@ -1,0 +1,45 @@
+/* The engine's insides, shared by its stages. Private to engine/forward. */
+#ifndef DVSM_FORWARD_ENGINE_H
+#define DVSM_FORWARD_ENGINE_H
+
+#include "dvsm/engine.h"
+#include "forward/steps.h"
+
+struct dvsm_engine {
+	const struct dvsm_model *model; /* borrowed */
+	const struct dvsm_kernels *kernels;
+	struct dvsm_pool *pool;
+	struct dvsm_packed packed;
+	void *workspace; /* grows to the largest job so far; owned */
+	size_t workspace_bytes;
+};
+
+/** A stage patch as the caller gave it, 0 meaning the model's; DVSM_BAD_ARG outside 1..256. */
+enum dvsm_status dvsm_engine_check_patch(const struct dvsm_engine *engine, uint32_t *patch_px,
+					 struct dvsm_error *error);
+
+/** Sizes alone: 1..16384 each; DVSM_BAD_ARG outside. */
+enum dvsm_status dvsm_engine_check_size(const struct dvsm_camera *camera,
+					struct dvsm_error *error);
+
+/** Bytes of workspace for pictures of these checked cameras; DVSM_NO_MEM when it does not fit. */
+enum dvsm_status dvsm_engine_measure(const struct dvsm_engine *engine,
+				     const struct dvsm_camera *cameras, uint32_t count,
+				     uint32_t patch_px, size_t *bytes, struct dvsm_error *error);
+
+/** Make the workspace large enough for them. */
+enum dvsm_status dvsm_engine_reserve(struct dvsm_engine *engine, const struct dvsm_camera *cameras,
+				     uint32_t count, uint32_t patch_px, struct dvsm_error *error);
+
+/** Lay the reserved workspace out for a run over them; allocates nothing. */
+struct dvsm_run dvsm_engine_begin(const struct dvsm_engine *engine,
+				  const struct dvsm_camera *cameras, uint32_t count,
+				  uint32_t patch_px);
+
+/** Bytes of weights that the engine reads: the model's and the packed ones. */
+size_t dvsm_engine_weight_bytes(const struct dvsm_engine *engine);
+
+/** CLOCK_MONOTONIC. */
+uint64_t dvsm_engine_now_ns(void);
+
+#endif

@@ -1,0 +1,98 @@
+#include "forward/picture.h"
+
+#include <stdbool.h>
+
+/* Rays of a token are q^2 divisions and roots: a few tokens make a task. */
+#define RAY_TOKENS 8u
+
+/* Rows of the finished picture that make a task. */
+#define PICTURE_ROWS 16u
+
+/* Numbers that make a task of the final colour step. */
+#define COLOUR_NUMBERS 16384u
+
+struct picture_job {
+	const struct dvsm_run *run;
+	const struct dvsm_ray_map *map;
+	const struct dvsm_patch_plan *plan;
+	const float *rgb;
+	float *patches;
+	float *out;
+	size_t count;
+};
+
+static void ray_task(void *context, size_t index, uint32_t worker)
+{
+	const struct picture_job *job = context;
+	const size_t width = 6 * (size_t)job->map->patch_px * job->map->patch_px;
+	size_t first = index * RAY_TOKENS;
+
+	(void)worker;
+	dvsm_ray_map_write(job->map, first, dvsm_tile_length(job->count, RAY_TOKENS, index),
+			   job->patches + first * width);
+}
+
+static void cut_task(void *context, size_t index, uint32_t worker)
+{
+	const struct picture_job *job = context;
+
+	dvsm_patch_cut_rows(job->plan, job->rgb, (uint32_t)index, 1, job->patches,
+			    dvsm_run_scratch(job->run, worker));
+}
+
+void dvsm_picture_embed(const struct dvsm_run *run, const struct dvsm_ray_map *map,
+			const struct dvsm_patch_plan *plan, const float *rgb, float *x)
+{
+	const size_t dim = run->model->config.dim;
+	const size_t tokens = dvsm_token_grid_count(plan->grid);
+	float *patches = run->work.wide;
+	struct picture_job job = {
+		.run = run, .map = map, .plan = plan, .rgb = rgb, .patches = patches, .count = tokens,
+	};
+
+	dvsm_pool_run(run->pool, dvsm_tiles(tokens, RAY_TOKENS), ray_task, &job);
+	dvsm_step_product(run, patches, tokens, &run->packed->patch_ray, x, dim,
+			  DVSM_EPILOGUE_STORE);
+	if (rgb) {
+		dvsm_pool_run(run->pool, plan->grid.rows, cut_task, &job);
+		dvsm_step_product(run, patches, tokens, &run->packed->patch_rgb, x, dim,
+				  DVSM_EPILOGUE_ADD);
+	}
+	dvsm_step_norm(run, x, tokens, run->model->weights.embed_norm, x);
+}
+
+static void colour_task(void *context, size_t index, uint32_t worker)
+{
+	const struct picture_job *job = context;
+
+	(void)worker;
+	job->run->kernels->to_colour(job->patches + index * COLOUR_NUMBERS,
+				     dvsm_tile_length(job->count, COLOUR_NUMBERS, index),
+				     job->run->model->config.rgb_sigmoid);
+}
+
+static void join_task(void *context, size_t index, uint32_t worker)
+{
+	const struct picture_job *job = context;
+
+	dvsm_patch_join_rows(job->plan, job->patches, (uint32_t)(index * PICTURE_ROWS),
+			     (uint32_t)dvsm_tile_length(job->plan->height, PICTURE_ROWS, index),
+			     job->out, dvsm_run_scratch(job->run, worker));
+}
+
+void dvsm_picture_write(const struct dvsm_run *run, const struct dvsm_patch_plan *plan,
+			const float *x, float *rgb)
+{
+	const struct dvsm_matrix *to_rgb = &run->packed->to_rgb;
+	const size_t tokens = dvsm_token_grid_count(plan->grid);
+	struct picture_job job = {
+		.run = run, .plan = plan, .patches = run->work.wide, .out = rgb,
+		.count = tokens * to_rgb->out,
+	};
+
+	dvsm_step_norm(run, x, tokens, run->model->weights.final_norm, run->work.normed);
+	dvsm_step_product(run, run->work.normed, tokens, to_rgb, job.patches, to_rgb->out,
+			  DVSM_EPILOGUE_STORE);
+	dvsm_pool_run(run->pool, dvsm_tiles(job.count, COLOUR_NUMBERS), colour_task, &job);
+	dvsm_pool_run(run->pool, dvsm_tiles(plan->height, PICTURE_ROWS), join_task, &job);
+}

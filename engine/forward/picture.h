@@ -1,0 +1,21 @@
+/* Pictures to tokens and tokens to pictures (MODEL.md sections 3 and 5). Private to the engine. */
+#ifndef DVSM_FORWARD_PICTURE_H
+#define DVSM_FORWARD_PICTURE_H
+
+#include "forward/steps.h"
+#include "geometry/rays.h"
+#include "geometry/resample.h"
+
+/**
+ * Tokens of one view: x[tokens][D] = LN(W_ray rays [+ W_rgb (2 rgb - 1)]).
+ *
+ * rgb   [height][width][3], or NULL for a target
+ */
+void dvsm_picture_embed(const struct dvsm_run *run, const struct dvsm_ray_map *map,
+			const struct dvsm_patch_plan *plan, const float *rgb, float *x);
+
+/** Picture of one view from its tokens: rgb[height][width][3], unclamped. */
+void dvsm_picture_write(const struct dvsm_run *run, const struct dvsm_patch_plan *plan,
+			const float *x, float *rgb);
+
+#endif

@@ -1,0 +1,140 @@
+#include <stdlib.h>
+
+#include "base/error.h"
+#include "forward/block.h"
+#include "forward/engine.h"
+#include "forward/picture.h"
+#include "geometry/pose.h"
+#include "scene/scene_internal.h"
+
+/* Tokens of all views, view by view, into the residual stream. */
+static void embed_views(const struct dvsm_run *run, const struct dvsm_scene *scene,
+			const struct dvsm_view *views)
+{
+	const struct dvsm_model_config *config = &run->model->config;
+
+	for (uint32_t v = 0; v < scene->views; v++) {
+		const struct dvsm_camera *camera = &views[v].camera;
+		struct dvsm_ray_map map = dvsm_ray_map_prepare(camera, &scene->normalisation,
+							       config->patch_px, scene->patch_px);
+		struct dvsm_patch_plan plan = dvsm_patch_plan_make(
+			camera->width, camera->height, config->patch_px, scene->patch_px);
+
+		dvsm_picture_embed(run, &map, &plan, views[v].rgb,
+				   run->work.x + scene->first_token[v] * config->dim);
+	}
+}
+
+/*
+ * One block. Keys and values of every view go straight to the cache; only when all are there can
+ * any view attend across. Behind the last block's keys and values nothing is needed any more.
+ */
+static void run_block(const struct dvsm_run *run, const struct dvsm_scene *scene, uint32_t layer)
+{
+	const struct dvsm_heads cache = {
+		dvsm_scene_keys(scene, layer, 0),
+		dvsm_scene_values(scene, layer, 0),
+		scene->tokens,
+	};
+
+	for (uint32_t v = 0; v < scene->views; v++) {
+		size_t first = scene->first_token[v], tokens = scene->first_token[v + 1] - first;
+		float *x = run->work.x + first * scene->dim;
+
+		dvsm_block_intra(run, layer, x, tokens);
+		dvsm_block_cross_keys(run, layer, x, tokens, &cache, first);
+	}
+	if (layer + 1 == scene->layers)
+		return;
+	for (uint32_t v = 0; v < scene->views; v++) {
+		size_t first = scene->first_token[v], tokens = scene->first_token[v + 1] - first;
+
+		dvsm_block_cross(run, layer, run->work.x + first * scene->dim, tokens, &cache);
+	}
+}
+
+static enum dvsm_status run_stage(const struct dvsm_run *run, const struct dvsm_scene *scene,
+				  const struct dvsm_view *views, dvsm_progress_fn *progress,
+				  void *progress_context, struct dvsm_error *error)
+{
+	embed_views(run, scene, views);
+	for (uint32_t layer = 0; layer < scene->layers; layer++) {
+		run_block(run, scene, layer);
+		if (progress && !progress(progress_context, (layer + 1.0) / scene->layers))
+			return dvsm_fail(error, DVSM_CANCELLED,
+					 "reconstruction cancelled after block %u of %u", layer + 1,
+					 scene->layers);
+	}
+	return DVSM_OK;
+}
+
+static struct dvsm_camera *copy_cameras(const struct dvsm_view *views, uint32_t count)
+{
+	struct dvsm_camera *cameras = calloc(count, sizeof(*cameras));
+
+	for (uint32_t i = 0; cameras && i < count; i++)
+		cameras[i] = views[i].camera;
+	return cameras;
+}
+
+/* Everything that can be refused, before anything is allocated. */
+static enum dvsm_status check(const struct dvsm_engine *engine, const struct dvsm_view *views,
+			      uint32_t count, uint32_t *patch_px, struct dvsm_scene **scene,
+			      struct dvsm_error *error)
+{
+	if (!engine || !scene)
+		return dvsm_fail(error, DVSM_BAD_ARG,
+				 "reconstruct: an engine and a place for the scene are needed");
+	if (engine->model->config.prior_dim > 0)
+		return dvsm_fail(error, DVSM_UNSUPPORTED,
+				 "the model has a prior of %u features, which this engine does not "
+				 "compute: use a model without one",
+				 engine->model->config.prior_dim);
+
+	enum dvsm_status status = dvsm_engine_check_patch(engine, patch_px, error);
+
+	return status == DVSM_OK ? dvsm_views_check(views, count, error) : status;
+}
+
+enum dvsm_status dvsm_reconstruct(struct dvsm_engine *engine, const struct dvsm_view *views,
+				  uint32_t count, uint32_t patch_px, dvsm_progress_fn *progress,
+				  void *progress_context, struct dvsm_scene **scene,
+				  struct dvsm_stats *stats, struct dvsm_error *error)
+{
+	uint64_t start_ns = dvsm_engine_now_ns();
+	struct dvsm_scene *made = NULL;
+	struct dvsm_camera *cameras = NULL;
+	enum dvsm_status status = check(engine, views, count, &patch_px, scene, error);
+
+	if (status != DVSM_OK)
+		return status;
+	cameras = copy_cameras(views, count);
+	if (!cameras)
+		return dvsm_fail(error, DVSM_NO_MEM, "no memory for %u cameras", count);
+	status = dvsm_scene_allocate(&engine->model->config, engine->model->sha256, cameras, count,
+				     patch_px, &made, error);
+	if (status == DVSM_OK)
+		status = dvsm_engine_reserve(engine, cameras, count, patch_px, error);
+	if (status == DVSM_OK) {
+		struct dvsm_run run = dvsm_engine_begin(engine, cameras, count, patch_px);
+
+		status = run_stage(&run, made, views, progress, progress_context, error);
+	}
+	free(cameras);
+	if (status != DVSM_OK) {
+		dvsm_scene_destroy(made);
+		return status;
+	}
+	if (stats) {
+		*stats = (struct dvsm_stats){
+			.views = count,
+			.tokens = (uint32_t)made->tokens,
+			.keys = made->tokens,
+			.time_ns = dvsm_engine_now_ns() - start_ns,
+			.memory = { dvsm_engine_weight_bytes(engine), made->cache_bytes,
+				    engine->workspace_bytes },
+		};
+	}
+	*scene = made;
+	return DVSM_OK;
+}

@@ -1,0 +1,93 @@
+#include <string.h>
+
+#include "base/error.h"
+#include "forward/block.h"
+#include "forward/engine.h"
+#include "forward/picture.h"
+#include "geometry/pose.h"
+#include "scene/scene_internal.h"
+
+static enum dvsm_status check(const struct dvsm_engine *engine, const struct dvsm_scene *scene,
+			      const struct dvsm_camera *camera, uint32_t *patch_px,
+			      struct dvsm_error *error)
+{
+	if (!engine || !scene || !camera)
+		return dvsm_fail(error, DVSM_BAD_ARG,
+				 "render: an engine, a scene and a camera are needed");
+	if (strcmp(scene->model_sha256, engine->model->sha256) != 0)
+		return dvsm_fail(error, DVSM_MISMATCH,
+				 "the scene was made with model %s, the engine has %s: reconstruct "
+				 "it again",
+				 scene->model_sha256, engine->model->sha256);
+	return dvsm_engine_check_patch(engine, patch_px, error);
+}
+
+enum dvsm_status dvsm_render_reserve(struct dvsm_engine *engine, const struct dvsm_scene *scene,
+				     const struct dvsm_camera *target, uint32_t patch_px,
+				     struct dvsm_error *error)
+{
+	enum dvsm_status status = check(engine, scene, target, &patch_px, error);
+
+	if (status == DVSM_OK)
+		status = dvsm_engine_check_size(target, error);
+	if (status == DVSM_OK)
+		status = dvsm_engine_reserve(engine, target, 1, patch_px, error);
+	return status;
+}
+
+static void run_stage(const struct dvsm_run *run, const struct dvsm_scene *scene,
+		      const struct dvsm_camera *camera, const struct dvsm_patch_plan *plan,
+		      uint32_t patch_px, float *out)
+{
+	const struct dvsm_model_config *config = &run->model->config;
+	const size_t tokens = dvsm_token_grid_count(plan->grid);
+	struct dvsm_ray_map map =
+		dvsm_ray_map_prepare(camera, &scene->normalisation, config->patch_px, patch_px);
+
+	dvsm_picture_embed(run, &map, plan, NULL, run->work.x);
+	for (uint32_t layer = 0; layer < config->layers; layer++) {
+		const struct dvsm_heads cache = {
+			dvsm_scene_keys(scene, layer, 0),
+			dvsm_scene_values(scene, layer, 0),
+			scene->tokens,
+		};
+
+		dvsm_block_intra(run, layer, run->work.x, tokens);
+		dvsm_block_cross(run, layer, run->work.x, tokens, &cache);
+	}
+	dvsm_picture_write(run, plan, run->work.x, out);
+}
+
+enum dvsm_status dvsm_render(struct dvsm_engine *engine, const struct dvsm_scene *scene,
+			     const struct dvsm_camera *camera, uint32_t patch_px, float *out,
+			     struct dvsm_stats *stats, struct dvsm_error *error)
+{
+	uint64_t start_ns = dvsm_engine_now_ns();
+	enum dvsm_status status = check(engine, scene, camera, &patch_px, error);
+
+	if (status == DVSM_OK && !out)
+		status = dvsm_fail(error, DVSM_BAD_ARG, "render: no place for the picture");
+	if (status == DVSM_OK)
+		status = dvsm_camera_check(camera, "target camera", error);
+	if (status == DVSM_OK)
+		status = dvsm_engine_reserve(engine, camera, 1, patch_px, error);
+	if (status != DVSM_OK)
+		return status;
+
+	struct dvsm_run run = dvsm_engine_begin(engine, camera, 1, patch_px);
+	struct dvsm_patch_plan plan = dvsm_patch_plan_make(
+		camera->width, camera->height, engine->model->config.patch_px, patch_px);
+
+	run_stage(&run, scene, camera, &plan, patch_px, out);
+	if (stats) {
+		*stats = (struct dvsm_stats){
+			.views = scene->views,
+			.tokens = (uint32_t)dvsm_token_grid_count(plan.grid),
+			.keys = scene->tokens,
+			.time_ns = dvsm_engine_now_ns() - start_ns,
+			.memory = { dvsm_engine_weight_bytes(engine), scene->cache_bytes,
+				    engine->workspace_bytes },
+		};
+	}
+	return DVSM_OK;
+}

@@ -1,0 +1,188 @@
+#include "forward/steps.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Tokens a task takes where the work on each is small. */
+#define ROWS_PER_TASK 32u
+
+/*
+ * A task of a product: 64 rows of A stay in the second-level cache while 96 columns of W (two full
+ * AVX-512 tiles) pass by. Few and large enough that claiming one costs nothing against its work.
+ */
+#define PRODUCT_ROWS 64u
+#define PRODUCT_COLS 96u
+
+struct norm_job {
+	const struct dvsm_run *run;
+	const float *x, *weight;
+	float *out;
+	size_t rows;
+};
+
+static void norm_task(void *context, size_t index, uint32_t worker)
+{
+	const struct norm_job *job = context;
+	const struct dvsm_model_config *config = &job->run->model->config;
+	size_t at = index * ROWS_PER_TASK * config->dim;
+
+	(void)worker;
+	job->run->kernels->layer_norm(job->x + at, dvsm_tile_length(job->rows, ROWS_PER_TASK, index),
+				      config->dim, job->weight, (float)config->norm_eps,
+				      job->out + at);
+}
+
+void dvsm_step_norm(const struct dvsm_run *run, const float *x, size_t rows, const float *weight,
+		    float *out)
+{
+	struct norm_job job = { run, x, weight, out, rows };
+
+	dvsm_pool_run(run->pool, dvsm_tiles(rows, ROWS_PER_TASK), norm_task, &job);
+}
+
+struct product_job {
+	const struct dvsm_run *run;
+	const float *a;
+	size_t rows;
+	const struct dvsm_matrix *w;
+	float *c;
+	size_t c_stride;
+	enum dvsm_epilogue epilogue;
+};
+
+static void product_task(void *context, size_t index, uint32_t worker)
+{
+	const struct product_job *job = context;
+	const struct dvsm_matrix *w = job->w;
+	size_t row_tiles = dvsm_tiles(job->rows, PRODUCT_ROWS);
+	size_t row_tile = index % row_tiles, col_tile = index / row_tiles;
+	size_t row = row_tile * PRODUCT_ROWS, col = col_tile * PRODUCT_COLS;
+
+	(void)worker;
+	job->run->kernels->gemm(job->a + row * w->in, w->in,
+				dvsm_tile_length(job->rows, PRODUCT_ROWS, row_tile),
+				w->panels + col * w->in, w->in,
+				dvsm_tile_length(w->out, PRODUCT_COLS, col_tile),
+				job->c + row * job->c_stride + col, job->c_stride, job->epilogue);
+}
+
+void dvsm_step_product(const struct dvsm_run *run, const float *a, size_t rows,
+		       const struct dvsm_matrix *w, float *c, size_t c_stride,
+		       enum dvsm_epilogue epilogue)
+{
+	struct product_job job = { run, a, rows, w, c, c_stride, epilogue };
+
+	dvsm_pool_run(run->pool,
+		      dvsm_tiles(rows, PRODUCT_ROWS) * dvsm_tiles(w->out, PRODUCT_COLS),
+		      product_task, &job);
+}
+
+struct heads_job {
+	const struct dvsm_run *run;
+	const float *from; /* queries, or keys and values */
+	float *queries;	   /* where queries go, NULL for keys and values */
+	size_t stride, rows, first;
+	const float *weight;
+	const struct dvsm_heads *heads;
+};
+
+static void queries_task(void *context, size_t index, uint32_t worker)
+{
+	const struct heads_job *job = context;
+	const struct dvsm_model_config *config = &job->run->model->config;
+	size_t head_dim = config->dim / config->heads;
+	size_t at = index * ROWS_PER_TASK * job->stride;
+	size_t rows = dvsm_tile_length(job->rows, ROWS_PER_TASK, index);
+
+	(void)worker;
+	for (size_t h = 0; h < config->heads; h++)
+		job->run->kernels->rms_norm(job->from + at + h * head_dim, job->stride, rows,
+					    head_dim, job->weight, (float)config->norm_eps,
+					    job->queries + at + h * head_dim, job->stride);
+}
+
+void dvsm_step_queries(const struct dvsm_run *run, float *q, size_t q_stride, size_t rows,
+		       const float *q_norm)
+{
+	struct heads_job job = {
+		.run = run, .from = q, .queries = q, .stride = q_stride, .rows = rows, .weight = q_norm,
+	};
+
+	dvsm_pool_run(run->pool, dvsm_tiles(rows, ROWS_PER_TASK), queries_task, &job);
+}
+
+static void keys_task(void *context, size_t index, uint32_t worker)
+{
+	const struct heads_job *job = context;
+	const struct dvsm_model_config *config = &job->run->model->config;
+	size_t head_dim = config->dim / config->heads;
+	size_t start = index * ROWS_PER_TASK;
+	size_t rows = dvsm_tile_length(job->rows, ROWS_PER_TASK, index);
+
+	(void)worker;
+	for (size_t h = 0; h < config->heads; h++) {
+		const float *from = job->from + start * job->stride + h * head_dim;
+		size_t to = (h * job->heads->total + job->first + start) * head_dim;
+
+		job->run->kernels->rms_norm(from, job->stride, rows, head_dim, job->weight,
+					    (float)config->norm_eps, job->heads->keys + to,
+					    head_dim);
+		for (size_t i = 0; i < rows; i++)
+			memcpy(job->heads->values + to + i * head_dim,
+			       from + i * job->stride + config->dim, head_dim * sizeof(float));
+	}
+}
+
+void dvsm_step_keys(const struct dvsm_run *run, const float *kv, size_t kv_stride, size_t rows,
+		    const float *k_norm, const struct dvsm_heads *heads, size_t first)
+{
+	struct heads_job job = {
+		.run = run, .from = kv, .stride = kv_stride, .rows = rows, .first = first,
+		.weight = k_norm, .heads = heads,
+	};
+
+	dvsm_pool_run(run->pool, dvsm_tiles(rows, ROWS_PER_TASK), keys_task, &job);
+}
+
+struct attention_job {
+	const struct dvsm_run *run;
+	const float *q;
+	size_t q_stride, rows;
+	const struct dvsm_heads *heads;
+	float *out;
+};
+
+static void attention_task(void *context, size_t index, uint32_t worker)
+{
+	const struct attention_job *job = context;
+	const struct dvsm_model_config *config = &job->run->model->config;
+	const size_t head_dim = config->dim / config->heads;
+	size_t tiles = dvsm_tiles(job->rows, DVSM_ATTENTION_QUERIES);
+	size_t head = index / tiles, row = index % tiles * DVSM_ATTENTION_QUERIES;
+	size_t base = head * job->heads->total * head_dim;
+	struct dvsm_attention attention = {
+		.q = job->q + row * job->q_stride + head * head_dim,
+		.q_stride = job->q_stride,
+		.queries = dvsm_tile_length(job->rows, DVSM_ATTENTION_QUERIES, index % tiles),
+		.k = job->heads->keys + base,
+		.v = job->heads->values + base,
+		.keys = job->heads->total,
+		.head_dim = head_dim,
+		.scale = 1.0f / sqrtf((float)head_dim),
+		.out = job->out + row * config->dim + head * head_dim,
+		.out_stride = config->dim,
+		.scratch = dvsm_run_scratch(job->run, worker),
+	};
+
+	job->run->kernels->attention(&attention);
+}
+
+void dvsm_step_attention(const struct dvsm_run *run, const float *q, size_t q_stride, size_t rows,
+			 const struct dvsm_heads *heads, float *out)
+{
+	struct attention_job job = { run, q, q_stride, rows, heads, out };
+
+	dvsm_pool_run(run->pool,
+		      run->model->config.heads * dvsm_tiles(rows, DVSM_ATTENTION_QUERIES),
+		      attention_task, &job);
+}

@@ -1,0 +1,74 @@
+/*
+ * The steps of the transformer as jobs of the thread pool. Each cuts its work into tiles whose size
+ * depends on the shapes alone. Private to the engine.
+ */
+#ifndef DVSM_FORWARD_STEPS_H
+#define DVSM_FORWARD_STEPS_H
+
+#include "forward/packed.h"
+#include "forward/workspace.h"
+#include "kernels/kernels.h"
+#include "threads/pool.h"
+
+/** Everything a step needs; borrowed for one reconstruction or rendering. */
+struct dvsm_run {
+	const struct dvsm_model *model;
+	const struct dvsm_packed *packed;
+	const struct dvsm_kernels *kernels;
+	struct dvsm_pool *pool;
+	struct dvsm_workspace work;
+};
+
+/** Keys and values of one layer, [heads][total][head_dim] each, of which a step may fill a part. */
+struct dvsm_heads {
+	float *keys, *values;
+	size_t total; /* tokens */
+};
+
+/** out[rows][D] = LN(x[rows][D]); out may be x. */
+void dvsm_step_norm(const struct dvsm_run *run, const float *x, size_t rows, const float *weight,
+		    float *out);
+
+/** C[rows] = epilogue(A[rows] W^T), rows of C c_stride floats apart; A is [rows][W.in]. */
+void dvsm_step_product(const struct dvsm_run *run, const float *a, size_t rows,
+		       const struct dvsm_matrix *w, float *c, size_t c_stride,
+		       enum dvsm_epilogue epilogue);
+
+/** QK-norm of queries in place; q is [rows] of D numbers, q_stride apart. */
+void dvsm_step_queries(const struct dvsm_run *run, float *q, size_t q_stride, size_t rows,
+		       const float *q_norm);
+
+/**
+ * Keys (with QK-norm) and values of some tokens into their heads.
+ *
+ * kv      [rows] of D keys and D values, kv_stride apart
+ * first   where in `heads` the first of the tokens belongs
+ */
+void dvsm_step_keys(const struct dvsm_run *run, const float *kv, size_t kv_stride, size_t rows,
+		    const float *k_norm, const struct dvsm_heads *heads, size_t first);
+
+/** out[rows][D] = attention of q (rows of D, q_stride apart) to all of `heads`. */
+void dvsm_step_attention(const struct dvsm_run *run, const float *q, size_t q_stride, size_t rows,
+			 const struct dvsm_heads *heads, float *out);
+
+/** The scratch of one thread: work.scratch_stride bytes. */
+static inline void *dvsm_run_scratch(const struct dvsm_run *run, uint32_t worker)
+{
+	return run->work.scratch + worker * run->work.scratch_stride;
+}
+
+/** Tiles of `size` that cover `count`. */
+static inline size_t dvsm_tiles(size_t count, size_t size)
+{
+	return (count + size - 1) / size;
+}
+
+/** The part of `count` that tile `index` covers. */
+static inline size_t dvsm_tile_length(size_t count, size_t size, size_t index)
+{
+	size_t left = count - index * size;
+
+	return left < size ? left : size;
+}
+
+#endif

@@ -1,0 +1,51 @@
+#include "forward/workspace.h"
+
+#include "geometry/resample.h"
+#include "kernels/kernels.h"
+
+static size_t larger(size_t a, size_t b)
+{
+	return a > b ? a : b;
+}
+
+struct dvsm_job_size dvsm_job_size_of(const struct dvsm_model_config *config,
+				      const struct dvsm_camera *cameras, uint32_t count,
+				      uint32_t patch_px, uint32_t threads)
+{
+	struct dvsm_job_size size = {
+		.scratch_bytes = dvsm_attention_scratch(config->dim / config->heads),
+		.threads = threads,
+	};
+
+	/* At most 65536 views of 16384^2 tokens: the sum stays below 2^44. */
+	for (uint32_t i = 0; i < count; i++) {
+		struct dvsm_patch_plan plan = dvsm_patch_plan_make(
+			cameras[i].width, cameras[i].height, config->patch_px, patch_px);
+		size_t tokens = dvsm_token_grid_count(plan.grid);
+
+		size.tokens += tokens;
+		size.view_tokens = larger(size.view_tokens, tokens);
+		size.scratch_bytes = larger(size.scratch_bytes, plan.scratch_bytes);
+	}
+	return size;
+}
+
+struct dvsm_workspace dvsm_workspace_place(struct dvsm_arena *arena,
+					   const struct dvsm_model_config *config,
+					   const struct dvsm_job_size *size)
+{
+	const size_t dim = config->dim, n = size->view_tokens;
+	const size_t area = (size_t)config->patch_px * config->patch_px;
+	struct dvsm_workspace w = { 0 };
+
+	/* Patches, attention inputs and MLP hidden numbers are never needed together. */
+	w.wide_width = larger(larger(3, config->mlp_ratio) * dim, 6 * area);
+	w.scratch_stride = (size->scratch_bytes + 63) / 64 * 64;
+	w.x = dvsm_arena_take_floats(arena, size->tokens, dim);
+	w.normed = dvsm_arena_take_floats(arena, n, dim);
+	w.wide = dvsm_arena_take_floats(arena, n, w.wide_width);
+	w.keys = dvsm_arena_take_floats(arena, n, dim);
+	w.values = dvsm_arena_take_floats(arena, n, dim);
+	w.scratch = dvsm_arena_take(arena, size->threads, w.scratch_stride);
+	return w;
+}
