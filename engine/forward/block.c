@@ -36,7 +36,7 @@ void dvsm_block_intra(const struct dvsm_run *run, uint32_t layer, float *x, size
 {
 	const struct dvsm_half_weights *weights = &run->model->weights.blocks[layer].intra;
 	const struct dvsm_packed_half *packed = &run->packed->blocks[layer].intra;
-	const struct dvsm_heads own = { run->work.keys, run->work.values, tokens };
+	const struct dvsm_heads own = {run->work.keys, run->work.values, tokens};
 
 	dvsm_step_norm(run, x, tokens, weights->norm, run->work.normed);
 	project_keys(run, weights, packed, tokens, &own, 0);

@@ -100,7 +100,7 @@ enum dvsm_status dvsm_engine_measure(const struct dvsm_engine *engine,
 	const struct dvsm_model_config *config = &engine->model->config;
 	struct dvsm_job_size size = dvsm_job_size_of(config, cameras, count, patch_px,
 						     dvsm_pool_get_threads(engine->pool));
-	struct dvsm_arena arena = { 0 };
+	struct dvsm_arena arena = {0};
 
 	dvsm_workspace_place(&arena, config, &size);
 	if (arena.overflow)
@@ -142,7 +142,7 @@ struct dvsm_run dvsm_engine_begin(const struct dvsm_engine *engine,
 	const struct dvsm_model_config *config = &engine->model->config;
 	struct dvsm_job_size size = dvsm_job_size_of(config, cameras, count, patch_px,
 						     dvsm_pool_get_threads(engine->pool));
-	struct dvsm_arena arena = { .base = engine->workspace };
+	struct dvsm_arena arena = {.base = engine->workspace};
 
 	return (struct dvsm_run){
 		.model = engine->model,

@@ -19,8 +19,7 @@ enum dvsm_status dvsm_engine_check_patch(const struct dvsm_engine *engine, uint3
 					 struct dvsm_error *error);
 
 /** Sizes alone: 1..16384 each; DVSM_BAD_ARG outside. */
-enum dvsm_status dvsm_engine_check_size(const struct dvsm_camera *camera,
-					struct dvsm_error *error);
+enum dvsm_status dvsm_engine_check_size(const struct dvsm_camera *camera, struct dvsm_error *error);
 
 /** Bytes of workspace for pictures of these checked cameras; DVSM_NO_MEM when it does not fit. */
 enum dvsm_status dvsm_engine_measure(const struct dvsm_engine *engine,

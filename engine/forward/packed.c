@@ -19,7 +19,7 @@ static struct dvsm_matrix place(struct dvsm_arena *arena, const float *weights, 
 
 	if (panels)
 		dvsm_pack_panels(weights, out, in, panels);
-	return (struct dvsm_matrix){ panels, out, in };
+	return (struct dvsm_matrix){panels, out, in};
 }
 
 static struct dvsm_packed_half place_half(struct dvsm_arena *arena,
@@ -61,8 +61,8 @@ static void place_all(struct dvsm_arena *arena, const struct dvsm_model *model,
 enum dvsm_status dvsm_packed_init(struct dvsm_packed *packed, const struct dvsm_model *model,
 				  struct dvsm_error *error)
 {
-	struct dvsm_packed made = { 0 };
-	struct dvsm_arena arena = { 0 };
+	struct dvsm_packed made = {0};
+	struct dvsm_arena arena = {0};
 
 	place_all(&arena, model, &made);
 	if (!arena.overflow)
@@ -72,7 +72,7 @@ enum dvsm_status dvsm_packed_init(struct dvsm_packed *packed, const struct dvsm_
 				 "no memory for %.1f MB of packed weights: use a smaller model",
 				 (double)arena.used / 1e6);
 	made.bytes = arena.used;
-	arena = (struct dvsm_arena){ .base = made.memory };
+	arena = (struct dvsm_arena){.base = made.memory};
 	place_all(&arena, model, &made);
 	*packed = made;
 	return DVSM_OK;
@@ -81,5 +81,5 @@ enum dvsm_status dvsm_packed_init(struct dvsm_packed *packed, const struct dvsm_
 void dvsm_packed_deinit(struct dvsm_packed *packed)
 {
 	free(packed->memory);
-	*packed = (struct dvsm_packed){ 0 };
+	*packed = (struct dvsm_packed){0};
 }

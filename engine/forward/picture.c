@@ -47,7 +47,12 @@ void dvsm_picture_embed(const struct dvsm_run *run, const struct dvsm_ray_map *m
 	const size_t tokens = dvsm_token_grid_count(plan->grid);
 	float *patches = run->work.wide;
 	struct picture_job job = {
-		.run = run, .map = map, .plan = plan, .rgb = rgb, .patches = patches, .count = tokens,
+		.run = run,
+		.map = map,
+		.plan = plan,
+		.rgb = rgb,
+		.patches = patches,
+		.count = tokens,
 	};
 
 	dvsm_pool_run(run->pool, dvsm_tiles(tokens, RAY_TOKENS), ray_task, &job);
@@ -86,7 +91,10 @@ void dvsm_picture_write(const struct dvsm_run *run, const struct dvsm_patch_plan
 	const struct dvsm_matrix *to_rgb = &run->packed->to_rgb;
 	const size_t tokens = dvsm_token_grid_count(plan->grid);
 	struct picture_job job = {
-		.run = run, .plan = plan, .patches = run->work.wide, .out = rgb,
+		.run = run,
+		.plan = plan,
+		.patches = run->work.wide,
+		.out = rgb,
 		.count = tokens * to_rgb->out,
 	};
 

@@ -27,15 +27,15 @@ static void norm_task(void *context, size_t index, uint32_t worker)
 	size_t at = index * ROWS_PER_TASK * config->dim;
 
 	(void)worker;
-	job->run->kernels->layer_norm(job->x + at, dvsm_tile_length(job->rows, ROWS_PER_TASK, index),
-				      config->dim, job->weight, (float)config->norm_eps,
-				      job->out + at);
+	job->run->kernels->layer_norm(
+		job->x + at, dvsm_tile_length(job->rows, ROWS_PER_TASK, index), config->dim,
+		job->weight, (float)config->norm_eps, job->out + at);
 }
 
 void dvsm_step_norm(const struct dvsm_run *run, const float *x, size_t rows, const float *weight,
 		    float *out)
 {
-	struct norm_job job = { run, x, weight, out, rows };
+	struct norm_job job = {run, x, weight, out, rows};
 
 	dvsm_pool_run(run->pool, dvsm_tiles(rows, ROWS_PER_TASK), norm_task, &job);
 }
@@ -59,21 +59,19 @@ static void product_task(void *context, size_t index, uint32_t worker)
 	size_t row = row_tile * PRODUCT_ROWS, col = col_tile * PRODUCT_COLS;
 
 	(void)worker;
-	job->run->kernels->gemm(job->a + row * w->in, w->in,
-				dvsm_tile_length(job->rows, PRODUCT_ROWS, row_tile),
-				w->panels + col * w->in, w->in,
-				dvsm_tile_length(w->out, PRODUCT_COLS, col_tile),
-				job->c + row * job->c_stride + col, job->c_stride, job->epilogue);
+	job->run->kernels->gemm(
+		job->a + row * w->in, w->in, dvsm_tile_length(job->rows, PRODUCT_ROWS, row_tile),
+		w->panels + col * w->in, w->in, dvsm_tile_length(w->out, PRODUCT_COLS, col_tile),
+		job->c + row * job->c_stride + col, job->c_stride, job->epilogue);
 }
 
 void dvsm_step_product(const struct dvsm_run *run, const float *a, size_t rows,
 		       const struct dvsm_matrix *w, float *c, size_t c_stride,
 		       enum dvsm_epilogue epilogue)
 {
-	struct product_job job = { run, a, rows, w, c, c_stride, epilogue };
+	struct product_job job = {run, a, rows, w, c, c_stride, epilogue};
 
-	dvsm_pool_run(run->pool,
-		      dvsm_tiles(rows, PRODUCT_ROWS) * dvsm_tiles(w->out, PRODUCT_COLS),
+	dvsm_pool_run(run->pool, dvsm_tiles(rows, PRODUCT_ROWS) * dvsm_tiles(w->out, PRODUCT_COLS),
 		      product_task, &job);
 }
 
@@ -105,7 +103,12 @@ void dvsm_step_queries(const struct dvsm_run *run, float *q, size_t q_stride, si
 		       const float *q_norm)
 {
 	struct heads_job job = {
-		.run = run, .from = q, .queries = q, .stride = q_stride, .rows = rows, .weight = q_norm,
+		.run = run,
+		.from = q,
+		.queries = q,
+		.stride = q_stride,
+		.rows = rows,
+		.weight = q_norm,
 	};
 
 	dvsm_pool_run(run->pool, dvsm_tiles(rows, ROWS_PER_TASK), queries_task, &job);
@@ -137,8 +140,13 @@ void dvsm_step_keys(const struct dvsm_run *run, const float *kv, size_t kv_strid
 		    const float *k_norm, const struct dvsm_heads *heads, size_t first)
 {
 	struct heads_job job = {
-		.run = run, .from = kv, .stride = kv_stride, .rows = rows, .first = first,
-		.weight = k_norm, .heads = heads,
+		.run = run,
+		.from = kv,
+		.stride = kv_stride,
+		.rows = rows,
+		.first = first,
+		.weight = k_norm,
+		.heads = heads,
 	};
 
 	dvsm_pool_run(run->pool, dvsm_tiles(rows, ROWS_PER_TASK), keys_task, &job);
@@ -180,7 +188,7 @@ static void attention_task(void *context, size_t index, uint32_t worker)
 void dvsm_step_attention(const struct dvsm_run *run, const float *q, size_t q_stride, size_t rows,
 			 const struct dvsm_heads *heads, float *out)
 {
-	struct attention_job job = { run, q, q_stride, rows, heads, out };
+	struct attention_job job = {run, q, q_stride, rows, heads, out};
 
 	dvsm_pool_run(run->pool,
 		      run->model->config.heads * dvsm_tiles(rows, DVSM_ATTENTION_QUERIES),

@@ -36,7 +36,7 @@ struct dvsm_workspace dvsm_workspace_place(struct dvsm_arena *arena,
 {
 	const size_t dim = config->dim, n = size->view_tokens;
 	const size_t area = (size_t)config->patch_px * config->patch_px;
-	struct dvsm_workspace w = { 0 };
+	struct dvsm_workspace w = {0};
 
 	/* Patches, attention inputs and MLP hidden numbers are never needed together. */
 	w.wide_width = larger(larger(3, config->mlp_ratio) * dim, 6 * area);

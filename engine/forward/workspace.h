@@ -16,12 +16,12 @@ struct dvsm_job_size {
 
 /** D = dim, h = heads, N = view_tokens. */
 struct dvsm_workspace {
-	float *x;	 /* [tokens][D] residual stream */
-	float *normed;	 /* [N][D] input of a product, then attention's output */
-	float *wide;	 /* [N][wide_width] patches; q, k, v; MLP hidden; output patches */
+	float *x;      /* [tokens][D] residual stream */
+	float *normed; /* [N][D] input of a product, then attention's output */
+	float *wide;   /* [N][wide_width] patches; q, k, v; MLP hidden; output patches */
 	size_t wide_width;
-	float *keys;	 /* [h][N][D/h] of the view at hand */
-	float *values;	 /* [h][N][D/h] */
+	float *keys;		/* [h][N][D/h] of the view at hand */
+	float *values;		/* [h][N][D/h] */
 	unsigned char *scratch; /* [threads][scratch_stride] */
 	size_t scratch_stride;
 };

@@ -192,8 +192,8 @@ static void attend_group(const struct dvsm_attention *job, size_t first, size_t 
 	float *q = job->scratch, *out = q + dim * QUERY_LANES;
 	float *scores = out + dim * QUERY_LANES;
 	float *rows = scores + DVSM_ATTENTION_KEYS * QUERY_LANES;
-	const struct attention_state state = { q,    scores,		 out,
-					       rows, rows + QUERY_LANES, rows + 2 * QUERY_LANES };
+	const struct attention_state state = {
+		q, scores, out, rows, rows + QUERY_LANES, rows + 2 * QUERY_LANES};
 	const vf scale = vf_set(job->scale * LOG2_E);
 
 	memset(q, 0, 2 * dim * QUERY_LANES * sizeof(float));

@@ -10,7 +10,8 @@
 #define EXP2_LOWEST  (-126.0f)
 #define EXP2_HIGHEST 126.0f
 
-/* 2^x; relative error 2e-9 of the polynomial on [-1/2, 1/2], about one unit in the last place in all. */
+/* 2^x; relative error 2e-9 of the polynomial on [-1/2, 1/2], about one unit in the last place in
+ * all. */
 static inline vf exp2_vf(vf x)
 {
 	x = vf_min(vf_max(x, vf_set(EXP2_LOWEST)), vf_set(EXP2_HIGHEST));
@@ -31,10 +32,10 @@ static inline vf exp2_vf(vf x)
 #define LOG2_E 1.4426950408889634f
 
 /*
- * x Phi(x). The tail h = Phi(-|x|) = erfc(z) / 2 with z = |x| / sqrt 2 is exp(-z^2) times erfcx(z) / 2,
- * which is a tame polynomial in t = 1 / (1 + 0.4 z), here shifted to s in [-1, 1] for z in 0..10.5
- * (relative error 3.3e-8). Multiplying the tail, never 1 + erf, keeps the relative accuracy of
- * negative x: 9e-7 down to -4, 8e-6 down to -12.
+ * x Phi(x). The tail h = Phi(-|x|) = erfc(z) / 2 with z = |x| / sqrt 2 is exp(-z^2) times erfcx(z)
+ * / 2, which is a tame polynomial in t = 1 / (1 + 0.4 z), here shifted to s in [-1, 1] for z in
+ * 0..10.5 (relative error 3.3e-8). Multiplying the tail, never 1 + erf, keeps the relative accuracy
+ * of negative x: 9e-7 down to -4, 8e-6 down to -12.
  */
 static inline vf gelu_vf(vf x)
 {

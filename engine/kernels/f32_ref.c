@@ -25,7 +25,7 @@ static void gemm(const float *a, size_t a_stride, size_t rows, const float *pane
 		size_t width = cols - first < DVSM_PANEL ? cols - first : DVSM_PANEL;
 
 		for (size_t i = 0; i < rows; i++) {
-			double sum[DVSM_PANEL] = { 0 };
+			double sum[DVSM_PANEL] = {0};
 			float *out = c + i * c_stride + first;
 
 			for (size_t d = 0; d < depth; d++) {

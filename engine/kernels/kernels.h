@@ -6,8 +6,8 @@
  * in double and rounds once. The others keep float accumulators; tests/kernels states how far they
  * may be from it. Every function is reentrant, reads and writes nothing beyond the ranges stated,
  * needs no alignment unless said, and computes each output number in an order that depends on
- * `depth`, `keys` or `dim` alone - never on how the caller cut the rows into tiles - so that results
- * do not depend on the number of threads.
+ * `depth`, `keys` or `dim` alone - never on how the caller cut the rows into tiles - so that
+ * results do not depend on the number of threads.
  */
 #ifndef DVSM_KERNELS_KERNELS_H
 #define DVSM_KERNELS_KERNELS_H

@@ -1,4 +1,5 @@
-/* Four floats: Advanced SIMD of aarch64. The words that the f32_*.inc.h templates are written in. */
+/* Four floats: Advanced SIMD of aarch64. The words that the f32_*.inc.h templates are written in.
+ */
 #ifndef DVSM_KERNELS_VEC_NEON_H
 #define DVSM_KERNELS_VEC_NEON_H
 
@@ -22,7 +23,7 @@ static inline void vf_store(float *p, vf a)
 /** The first n lanes, n < VF_LANES; loads fill the rest with 0. */
 static inline vf vf_load_part(const float *p, size_t n)
 {
-	float lanes[VF_LANES] = { 0 };
+	float lanes[VF_LANES] = {0};
 
 	for (size_t i = 0; i < n; i++)
 		lanes[i] = p[i];

@@ -1,0 +1,19 @@
+/* Models of any size with random weights, and cameras to look at them with. */
+#ifndef TESTS_SUPPORT_RANDOM_MODEL_H
+#define TESTS_SUPPORT_RANDOM_MODEL_H
+
+#include "dvsm/dvsm.h"
+#include "support/random.h"
+
+/**
+ * A model with weights scaled so that numbers keep their size from layer to layer; NULL when memory
+ * runs out. Release with dvsm_model_close().
+ */
+struct dvsm_model *support_random_model(const struct dvsm_model_config *config,
+					struct support_random *random);
+
+/** Camera `index` of `count` on a ring of radius 2 around the origin, looking at it. */
+struct dvsm_camera support_ring_camera(uint32_t width, uint32_t height, uint32_t index,
+				       uint32_t count);
+
+#endif
