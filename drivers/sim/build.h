@@ -58,5 +58,6 @@ void sim_lights_outdoor(struct dio_sim_scene *scene, struct rng *rng);
 void sim_build_table(struct dio_sim_scene *scene, struct rng *rng, bool clear_board);
 void sim_build_room(struct dio_sim_scene *scene, struct rng *rng);
 void sim_build_turntable(struct dio_sim_scene *scene, struct rng *rng);
+void sim_build_street(struct dio_sim_scene *scene, struct rng *rng);
 
 #endif

@@ -28,6 +28,9 @@ static void build(struct dio_sim_scene *s, const struct dio_sim_scene_options *o
 	case DIO_SIM_TURNTABLE:
 		sim_build_turntable(s, &rng);
 		break;
+	case DIO_SIM_STREET:
+		sim_build_street(s, &rng);
+		break;
 	default:
 		sim_build_table(s, &rng, o->clear_board);
 		break;

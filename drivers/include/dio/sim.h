@@ -23,6 +23,7 @@ enum dio_sim_kind {
 	DIO_SIM_TABLE,	   /* textured boxes, balls, cylinders on a textured table */
 	DIO_SIM_ROOM,	   /* inside four walls */
 	DIO_SIM_TURNTABLE, /* one object before a plain white, grey or black backdrop */
+	DIO_SIM_STREET,	   /* house fronts, walls and monuments out of doors */
 };
 
 /**

@@ -1,0 +1,149 @@
+#include "dio/sim_batch.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "rig.h"
+#include "sensor.h"
+
+enum { SAMPLES = 2, MAX_VIEWS = 256 };
+
+static enum dio_sim_kind draw_kind(struct rng *r, uint32_t options)
+{
+	static const struct {
+		uint32_t option;
+		enum dio_sim_kind kind;
+		float share;
+	} kinds[] = {
+		{DIO_SIM_BATCH_TABLES, DIO_SIM_TABLE, 0.45f},
+		{DIO_SIM_BATCH_TURNTABLES, DIO_SIM_TURNTABLE, 0.25f},
+		{DIO_SIM_BATCH_ROOMS, DIO_SIM_ROOM, 0.15f},
+		{DIO_SIM_BATCH_STREETS, DIO_SIM_STREET, 0.15f},
+	};
+	const uint32_t all = DIO_SIM_BATCH_TABLES | DIO_SIM_BATCH_TURNTABLES | DIO_SIM_BATCH_ROOMS |
+			     DIO_SIM_BATCH_STREETS;
+	uint32_t wanted = options & all ? options & all : all, last = 0;
+	float total = 0, left;
+
+	for (uint32_t i = 0; i < 4; i++)
+		total += wanted & kinds[i].option ? kinds[i].share : 0;
+	left = total * rng_unit(r);
+	for (uint32_t i = 0; i < 4; i++) {
+		if (!(wanted & kinds[i].option))
+			continue;
+		last = i;
+		left -= kinds[i].share;
+		if (left < 0)
+			break;
+	}
+	return kinds[last].kind;
+}
+
+static struct dio_sim_scene *draw_scene(struct rng *r, uint64_t seed, uint32_t options)
+{
+	struct dio_sim_scene_options o;
+
+	memset(&o, 0, sizeof(o));
+	o.seed = seed;
+	o.kind = draw_kind(r, options);
+	if (o.kind == DIO_SIM_TABLE && rng_chance(r, 0.1f)) {
+		o.board.cols = 5 + rng_below(r, 8);
+		o.board.rows = 4 + rng_below(r, 6);
+		o.board.square_m = rng_in(r, 0.02f, 0.035f);
+		o.board.marker_m = 0.6 * o.board.square_m;
+		o.clear_board = rng_chance(r, 0.4f);
+	}
+	return dio_sim_scene_create(&o);
+}
+
+/* What stays the same over a capture. */
+static struct dio_sim_sensor draw_sensor(struct rng *r)
+{
+	struct dio_sim_sensor s;
+
+	memset(&s, 0, sizeof(s));
+	s.exposure_stops = rng_in(r, -0.5f, 0.35f);
+	for (int c = 0; c < 3; c++)
+		s.white_balance[c] = rng_chance(r, 0.5f) ? rng_in(r, 0.9f, 1.1f) : 1;
+	if (rng_chance(r, 0.35f)) {
+		s.noise = rng_in(r, 0, 0.012f);
+		s.shot_noise = rng_in(r, 0, 0.02f);
+	}
+	if (rng_chance(r, 0.3f))
+		s.blur_px = rng_in(r, 0.3f, 0.9f);
+	if (rng_chance(r, 0.25f))
+		s.vignetting = rng_in(r, 0, 0.35f);
+	return s;
+}
+
+static bool render_scene(uint64_t seed, uint32_t views, uint32_t width, uint32_t height,
+			 uint32_t options, uint8_t *bytes, float *floats, float *poses,
+			 float *intrinsics)
+{
+	struct rng r = rng_seeded(seed ^ 0x5ca1ab1e5eedull);
+	struct dio_sim_scene *scene = draw_scene(&r, seed, options);
+	size_t values = (size_t)width * height * 3;
+	bool clean = options & DIO_SIM_BATCH_CLEAN, drifts = rng_chance(&r, 0.2f), ok = true;
+	struct dio_sim_sensor sensor = draw_sensor(&r);
+	uint32_t order[MAX_VIEWS];
+	struct rig rig;
+
+	if (!scene)
+		return false;
+	rig = sim_rig_draw(scene, &r, width, height);
+	for (uint32_t v = 0; v < views; v++) { /* shuffled places along the path */
+		uint32_t k = rng_below(&r, v + 1);
+
+		order[v] = order[k];
+		order[k] = v;
+	}
+	for (uint32_t v = 0; v < views && ok; v++) {
+		float along = ((float)order[v] + rng_unit(&r)) / (float)views;
+		struct dio_sim_sensor mine = sensor;
+		struct dio_sim_camera camera;
+
+		sim_rig_camera(scene, &rig, &r, along, width, height, &camera);
+		mine.noise_seed = ((uint64_t)rng_u32(&r) << 32) + v;
+		if (drifts)
+			mine.exposure_stops += rng_in(&r, -0.12f, 0.12f);
+		if (clean)
+			memset(&mine, 0, sizeof(mine));
+		if (floats) {
+			float *out = floats + v * values;
+
+			ok = dio_sim_render_float(scene, &camera, &mine, SAMPLES, out);
+			if (ok)
+				sim_sensor_add_noise(&mine, values, out);
+		} else {
+			ok = dio_sim_render(scene, &camera, &mine, SAMPLES, bytes + v * values);
+		}
+		for (int i = 0; i < 16; i++)
+			poses[16 * (size_t)v + (size_t)i] = (float)camera.world_from_camera[i];
+		intrinsics[4 * (size_t)v] = (float)camera.fx;
+		intrinsics[4 * (size_t)v + 1] = (float)camera.fy;
+		intrinsics[4 * (size_t)v + 2] = (float)camera.cx;
+		intrinsics[4 * (size_t)v + 3] = (float)camera.cy;
+	}
+	dio_sim_scene_destroy(scene);
+	return ok;
+}
+
+int dio_sim_batch(uint64_t seed, uint32_t scenes, uint32_t views, uint32_t width, uint32_t height,
+		  uint32_t options, void *rgb, float *poses, float *intrinsics)
+{
+	size_t values = (size_t)views * width * height * 3;
+
+	if (!views || !width || !height || views > MAX_VIEWS)
+		return -1;
+	for (uint32_t i = 0; i < scenes; i++) {
+		bool floats = options & DIO_SIM_BATCH_FLOAT;
+
+		if (!render_scene(seed + i, views, width, height, options,
+				  floats ? NULL : (uint8_t *)rgb + i * values,
+				  floats ? (float *)rgb + i * values : NULL,
+				  poses + 16 * (size_t)i * views,
+				  intrinsics + 4 * (size_t)i * views))
+			return -1;
+	}
+	return 0;
+}
