@@ -217,12 +217,10 @@ static int compare_names(const void *a, const void *b)
 	return strcmp((*left)->name, (*right)->name);
 }
 
-/* Without gap or overlap from the header's end to the file's. */
-static enum dvsm_status check_places(struct dvsm_safetensors *file, struct dvsm_error *error)
+/* Before gaps are looked for: a tensor far out of range would make its neighbour seem at fault. */
+static enum dvsm_status check_range(const struct dvsm_safetensors *file, size_t data_bytes,
+				    struct dvsm_error *error)
 {
-	size_t data_bytes = file->source.size - file->source.position;
-	size_t end = 0;
-	qsort(file->tensors, file->count, sizeof(*file->tensors), compare_places);
 	for (size_t i = 0; i < file->count; i++) {
 		const struct dvsm_tensor *tensor = &file->tensors[i];
 		if (tensor->end > data_bytes)
@@ -230,6 +228,22 @@ static enum dvsm_status check_places(struct dvsm_safetensors *file, struct dvsm_
 					 "%s: tensor %.120s: ends at data byte %zu of %zu: "
 					 "out of range, or the file is truncated",
 					 name_of(file), tensor->name, tensor->end, data_bytes);
+	}
+	return DVSM_OK;
+}
+
+/* Without gap or overlap from the header's end to the file's. */
+static enum dvsm_status check_places(struct dvsm_safetensors *file, struct dvsm_error *error)
+{
+	size_t data_bytes = file->source.size - file->source.position;
+	enum dvsm_status status = check_range(file, data_bytes, error);
+	if (status != DVSM_OK)
+		return status;
+
+	size_t end = 0;
+	qsort(file->tensors, file->count, sizeof(*file->tensors), compare_places);
+	for (size_t i = 0; i < file->count; i++) {
+		const struct dvsm_tensor *tensor = &file->tensors[i];
 		if (tensor->begin < end)
 			return fail_tensor(file, tensor->name, "overlaps the tensor before it",
 					   error);
