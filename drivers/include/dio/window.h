@@ -22,7 +22,7 @@ struct dio_window_input {
 	float drag_x, drag_y;   /* left drag, share of the window's width / height */
 	float pan_x, pan_y;     /* right drag */
 	float wheel;            /* notches, + towards the viewer */
-	float key_x, key_y;     /* arrow keys: -1, 0, 1 */
+	float key_x, key_y;     /* arrow keys, held or touched: -1, 0, 1; right and up are + */
 	float key_zoom;         /* + and - keys */
 };
 
