@@ -103,7 +103,7 @@ enum dvsm_status dvsm_scene_allocate(const struct dvsm_model_config *config,
 		return status;
 	memcpy(sizes.model_sha256, model_sha256, sizeof(sizes.model_sha256));
 
-	struct dvsm_scene *made;
+	struct dvsm_scene *made = NULL;
 	status = dvsm_scene_make(&sizes, true, &made, error);
 	if (status != DVSM_OK)
 		return status;
