@@ -1,0 +1,323 @@
+/* render: viewpoints of a scene as pictures, a film, or raw numbers. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "commands.h"
+#include "core/json_out.h"
+#include "core/npy.h"
+#include "core/options.h"
+#include "core/path.h"
+#include "core/progress.h"
+#include "dio/video.h"
+#include "engine_options.h"
+#include "report.h"
+#include "shots.h"
+
+#define DEFAULT_FRAMES 120
+
+struct render_job {
+	struct dio_session_options session;
+	struct shots_wish shots;
+	const char *scene, *scene_cache, *out;
+	bool raw, json;
+};
+
+/* Where rendered pictures go. Each that is open gets every picture. */
+struct sinks {
+	struct dio_npy *npy;
+	struct dio_video *video;
+	const char *folder; /* for one PNG a picture; NULL when a film is made */
+	float *rgb;
+	struct dio_picture picture;
+	uint64_t render_ns;
+};
+
+/* The film is called after its path: orbit.mp4, or the trajectory's name. */
+static char *film_path(const struct render_job *job, const struct shots *shots)
+{
+	const char *dot = strrchr(shots->name, '.');
+	int length = (int)(dot && dot != shots->name ? (size_t)(dot - shots->name)
+						     : strlen(shots->name));
+	char *name, *path;
+
+	if (asprintf(&name, "%.*s.mp4", length, shots->name) < 0)
+		return NULL;
+	path = dio_path_join(job->out, name);
+	free(name);
+	return path;
+}
+
+static enum dio_status open_npy(const struct render_job *job, const struct shots *shots,
+				struct sinks *sinks, struct dio_error *error)
+{
+	const struct dio_camera_model *first = &shots->list[0].camera;
+	enum dio_status status;
+	char *path;
+
+	for (uint32_t i = 1; i < shots->count; i++)
+		if (shots->list[i].camera.width != first->width ||
+		    shots->list[i].camera.height != first->height)
+			return dio_fail(error, DIO_BAD_ARG,
+					"--raw: frames.npy needs one size: %s is %ux%u, %s is "
+					"%ux%u",
+					shots->list[0].name, first->width, first->height,
+					shots->list[i].name, shots->list[i].camera.width,
+					shots->list[i].camera.height);
+	path = dio_path_join(job->out, "frames.npy");
+	if (!path)
+		return dio_fail(error, DIO_NO_MEM, "%s: no memory", job->out);
+	status = dio_npy_open(path, shots->count, first->height, first->width, &sinks->npy, error);
+	free(path);
+	return status;
+}
+
+static enum dio_status open_sinks(const struct render_job *job, const struct shots *shots,
+				  struct sinks *sinks, struct dio_error *error)
+{
+	const struct dio_camera_model *first = &shots->list[0].camera;
+	enum dio_status status = DIO_OK;
+	size_t numbers = 0;
+	char *path;
+
+	for (uint32_t i = 0; i < shots->count; i++) {
+		size_t size =
+			(size_t)3 * shots->list[i].camera.width * shots->list[i].camera.height;
+
+		numbers = size > numbers ? size : numbers;
+	}
+	sinks->rgb = malloc(numbers * sizeof *sinks->rgb);
+	if (!sinks->rgb)
+		return dio_fail(error, DIO_NO_MEM, "no memory for a picture");
+	if (job->raw)
+		status = open_npy(job, shots, sinks, error);
+	if (status != DIO_OK || !shots->is_path) {
+		sinks->folder = job->out;
+		return status;
+	}
+	path = film_path(job, shots);
+	if (!path)
+		return dio_fail(error, DIO_NO_MEM, "%s: no memory", job->out);
+	status = dio_video_open(path, first->width, first->height, job->shots.frames_per_second,
+				&sinks->video, error);
+	free(path);
+	return status;
+}
+
+/* After a failure the files keep what they held before; the first failure is the one told. */
+static enum dio_status close_sinks(struct sinks *sinks, enum dio_status status,
+				   struct dio_error *error)
+{
+	struct dio_error later = {0};
+	enum dio_status npy = dio_npy_close(sinks->npy, &later);
+
+	if (status == DIO_OK && npy != DIO_OK) {
+		status = npy;
+		*error = later;
+	}
+	if (status == DIO_OK)
+		status = dio_video_close(sinks->video, error);
+	else
+		dio_video_close(sinks->video, &later);
+	dio_picture_deinit(&sinks->picture);
+	free(sinks->rgb);
+	return status;
+}
+
+static enum dio_status write_png(const struct sinks *sinks, const char *name,
+				 struct dio_error *error)
+{
+	enum dio_status status;
+	char *file, *path;
+
+	if (asprintf(&file, "%s.png", name) < 0)
+		return dio_fail(error, DIO_NO_MEM, "%s: no memory", name);
+	path = dio_path_join(sinks->folder, file);
+	free(file);
+	if (!path)
+		return dio_fail(error, DIO_NO_MEM, "%s: no memory", name);
+	status = dio_picture_write(path, &sinks->picture, error);
+	free(path);
+	return status;
+}
+
+static enum dio_status fit_picture(struct dio_picture *picture,
+				   const struct dio_camera_model *camera, struct dio_error *error)
+{
+	enum dio_status status;
+
+	if (picture->width == camera->width && picture->height == camera->height)
+		return DIO_OK;
+	dio_picture_deinit(picture);
+	status = dio_picture_init(picture, camera->width, camera->height);
+	return status == DIO_OK ? DIO_OK : dio_fail(error, status, "no memory for a picture");
+}
+
+static enum dio_status render_shot(struct dio_session *session, const struct shot *shot,
+				   struct sinks *sinks, struct dio_error *error)
+{
+	struct dvsm_stats stats = {0};
+	enum dio_status status =
+		dio_session_render(session, &shot->camera, &shot->pose, sinks->rgb, &stats, error);
+
+	if (status == DIO_OK)
+		status = fit_picture(&sinks->picture, &shot->camera, error);
+	if (status != DIO_OK)
+		return status;
+	sinks->render_ns += stats.time_ns;
+	dio_picture_from_float(sinks->rgb, &sinks->picture);
+	if (sinks->npy && (status = dio_npy_append(sinks->npy, sinks->rgb, error)) != DIO_OK)
+		return status;
+	if (sinks->video)
+		return dio_video_append(sinks->video, &sinks->picture, error);
+	return write_png(sinks, shot->name, error);
+}
+
+static enum dio_status render_all(const struct render_job *job, struct dio_session *session,
+				  const struct shots *shots, uint64_t *render_ns,
+				  struct dio_error *error)
+{
+	struct sinks sinks = {0};
+	struct dio_progress progress;
+	enum dio_status status = open_sinks(job, shots, &sinks, error);
+
+	dio_progress_init(&progress, "rendering");
+	for (uint32_t i = 0; status == DIO_OK && i < shots->count; i++) {
+		dio_progress_update(&progress, (double)i / shots->count);
+		status = render_shot(session, &shots->list[i], &sinks, error);
+	}
+	dio_progress_done(&progress);
+	*render_ns = sinks.render_ns / shots->count;
+	return close_sinks(&sinks, status, error);
+}
+
+/* A scene from its cache when there is one, else made from its pictures. */
+static enum dio_status open_scene(const struct render_job *job, struct dio_session **session,
+				  struct dio_view_set *set, struct dio_error *error)
+{
+	enum dio_view_load load = job->scene_cache ? 0 : DIO_LOAD_CONTEXT;
+	struct dio_scene_file file = {0};
+	enum dio_status status = DIO_OK;
+
+	if (job->scene) {
+		status = dio_scene_file_read(job->scene, &file, error);
+		if (status == DIO_OK)
+			status = dio_view_set_load(&file, load, set, error);
+		dio_scene_file_deinit(&file);
+	}
+	if (status == DIO_OK)
+		status = dio_session_open(&job->session, session, error);
+	if (status != DIO_OK)
+		return status;
+	dio_report_engine(*session);
+	if (job->scene_cache)
+		return dio_session_open_scene(*session, job->scene_cache, error);
+	return dio_session_reconstruct(*session, set->context, set->context_count, NULL, error);
+}
+
+static enum dio_status print_result(const struct render_job *job, const struct dio_session *session,
+				    const struct shots *shots, uint64_t render_ns,
+				    struct dio_error *error)
+{
+	const struct dio_camera_model *camera = &shots->list[0].camera;
+	double render_ms = (double)render_ns * 1e-6;
+	uint32_t patch_px = dio_session_get_patch_render(session, camera);
+	cJSON *root;
+
+	if (!job->json) {
+		printf("%s: %u pictures of %ux%u, %.1f ms each (patch %u)\n", job->out,
+		       shots->count, camera->width, camera->height, render_ms, patch_px);
+		return DIO_OK;
+	}
+	root = cJSON_CreateObject();
+	dio_json_add_text(root, "out", job->out);
+	cJSON_AddNumberToObject(root, "pictures", shots->count);
+	cJSON_AddNumberToObject(root, "width", camera->width);
+	cJSON_AddNumberToObject(root, "height", camera->height);
+	cJSON_AddNumberToObject(root, "patch_render", patch_px);
+	dio_json_add_number(root, "render_ms", render_ms, 3);
+	return dio_json_print(root, error);
+}
+
+static enum dio_status render(const struct render_job *job, struct dio_error *error)
+{
+	struct dio_view_set set = {0};
+	struct dio_session *session = NULL;
+	struct shots shots = {0};
+	uint64_t render_ns;
+	enum dio_status status;
+
+	/* First of all, so that nobody waits for pictures that have nowhere to go. */
+	if ((status = dio_folder_make(job->out, error)) != DIO_OK)
+		return status;
+	if ((status = open_scene(job, &session, &set, error)) == DIO_OK &&
+	    (status = shots_make(&job->shots, dio_session_get_scene(session),
+				 job->scene ? &set : NULL, &shots, error)) == DIO_OK &&
+	    (status = render_all(job, session, &shots, &render_ns, error)) == DIO_OK)
+		status = print_result(job, session, &shots, render_ns, error);
+	shots_deinit(&shots);
+	dio_session_close(session);
+	dio_view_set_deinit(&set);
+	return status;
+}
+
+int dio_command_render(int argc, char **argv)
+{
+	struct render_job job = {.shots = {.frames = DEFAULT_FRAMES, .frames_per_second = 30}};
+	const struct dio_option options[] = {
+		DIO_OPTION_MODEL(job.session),
+		{"scene", DIO_OPTION_TEXT, "FILE",
+		 "scene.json: reconstructed, and gives the targets", &job.scene, 0, 0, false},
+		{"scene-cache", DIO_OPTION_TEXT, "FILE",
+		 "a scene that reconstruct wrote; nothing is reconstructed", &job.scene_cache, 0, 0,
+		 false},
+		{"path", DIO_OPTION_TEXT, "PATH",
+		 "targets, orbit, or a trajectory in TUM format (default:\n"
+		 "targets when the scene has any, else orbit)",
+		 &job.shots.path, 0, 0, false},
+		{"out", DIO_OPTION_TEXT, "DIR",
+		 "folder for the pictures: NAME.png after each target, or an\n"
+		 "MP4 film of a path",
+		 &job.out, 0, 0, true},
+		{"raw", DIO_OPTION_FLAG, NULL,
+		 "also frames.npy: float32 [n, height, width, 3], not clamped", &job.raw, 0, 0,
+		 false},
+		{"frames", DIO_OPTION_COUNT, "N", "pictures of an orbit (default: 120)",
+		 &job.shots.frames, 1, 100000, false},
+		{"fps", DIO_OPTION_REAL, "F", "pictures a second of a film (default: 30)",
+		 &job.shots.frames_per_second, 1, 240, false},
+		DIO_OPTION_PATCH_RECON(job.session),
+		DIO_OPTION_PATCH_RENDER(job.session),
+		DIO_OPTION_THREADS(job.session),
+		DIO_OPTION_CPU(job.session),
+		{"json", DIO_OPTION_FLAG, NULL, "results as JSON", &job.json, 0, 0, false},
+	};
+	const struct dio_usage usage = {
+		.command = "render",
+		.summary = "render viewpoints of a scene",
+		.arguments = "",
+		.details =
+			"A scene comes from --scene-cache, or from --scene, which is reconstructed "
+			"first. With both,\nthe cache is rendered at the targets of "
+			"scene.json.\n\n" DIO_HELP_PATCH,
+		.options = options,
+		.option_count = sizeof options / sizeof *options,
+	};
+	struct dio_error error = {0};
+	char **arguments;
+	uint32_t count;
+	enum dio_options_result result = dio_options_parse(&usage, argc, argv, &arguments, &count);
+
+	if (result != DIO_OPTIONS_RUN)
+		return dio_options_exit_code(result);
+	if (!job.scene && !job.scene_cache) {
+		dio_fail(&error, DIO_BAD_ARG,
+			 "--scene or --scene-cache is missing; see diorama "
+			 "render --help");
+		dio_report_failure(usage.command, &error);
+		return DIO_EXIT_USAGE;
+	}
+	if (render(&job, &error) != DIO_OK)
+		return dio_report_failure(usage.command, &error);
+	return DIO_EXIT_OK;
+}
