@@ -20,7 +20,7 @@ struct dio_sim_spec {
 };
 
 /**
- * Read the words: a scene (table, room, turntable), then ? and key=value pairs joined by &.
+ * Read the words: a scene (table, room, turntable, street), then ? and key=value pairs joined by &.
  *
  *   seed        64-bit number; scene, lens and noise follow from it           (1)
  *   width, height   16..4096 pixels                                      (640, 480)
