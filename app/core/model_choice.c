@@ -80,18 +80,21 @@ enum dio_status dio_model_read_tokens_per_view(const char *model_path, uint32_t 
 uint32_t dio_model_choose_patch(uint32_t tokens_per_view, uint32_t patch_px, uint32_t width,
 				uint32_t height)
 {
+	double best_off = INFINITY, best_misfit = INFINITY;
 	uint32_t best = patch_px;
-	double best_off = INFINITY;
 
 	if (tokens_per_view == 0)
 		return patch_px;
 	for (uint32_t p = 1; p <= PATCH_MAX_PX; p++) {
-		double tokens = fmax(1, floor((double)width / p + 0.5)) *
-				fmax(1, floor((double)height / p + 0.5));
-		double off = fabs(log(tokens / tokens_per_view));
+		double columns = fmax(1, floor((double)width / p + 0.5));
+		double rows = fmax(1, floor((double)height / p + 0.5));
+		double off = fabs(log(columns * rows / tokens_per_view));
+		double misfit = fabs((double)width / p - columns) / columns +
+				fabs((double)height / p - rows) / rows;
 
-		if (off <= best_off) {
+		if (off < best_off || (off == best_off && misfit < best_misfit)) {
 			best_off = off;
+			best_misfit = misfit;
 			best = p;
 		}
 	}
@@ -162,8 +165,12 @@ enum dio_status dio_model_find_shipped(char **path, struct dio_error *error)
 	for (size_t i = 0; folder && !found && i < sizeof PLACES / sizeof *PLACES; i++) {
 		char *place = dio_path_join(folder, PLACES[i]);
 
-		if (place)
-			found = find_in_folder(place);
+		/* Without the dots, as it will be shown. */
+		char *plain = place ? realpath(place, NULL) : NULL;
+
+		if (plain)
+			found = find_in_folder(plain);
+		free(plain);
 		free(place);
 	}
 	free(folder);

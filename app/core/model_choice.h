@@ -22,7 +22,8 @@ enum dio_status dio_model_read_tokens_per_view(const char *model_path, uint32_t 
 
 /**
  * The stage patch for a picture: the p in 1..256 whose token count round(W/p) x round(H/p) is
- * nearest to `tokens_per_view` (the larger p of equals); `patch_px` of the model when it is 0.
+ * nearest to `tokens_per_view`, of equals the one that divides the picture best; `patch_px` of the
+ * model when it is 0.
  */
 uint32_t dio_model_choose_patch(uint32_t tokens_per_view, uint32_t patch_px, uint32_t width,
 				uint32_t height);

@@ -118,7 +118,7 @@ static enum dio_status close_sinks(struct sinks *sinks, enum dio_status status,
 	if (status == DIO_OK)
 		status = dio_video_close(sinks->video, error);
 	else
-		dio_video_close(sinks->video, &later);
+		dio_video_discard(sinks->video);
 	dio_picture_deinit(&sinks->picture);
 	free(sinks->rgb);
 	return status;

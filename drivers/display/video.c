@@ -327,3 +327,9 @@ enum dio_status dio_video_close(struct dio_video *video, struct dio_error *error
 	release(video);
 	return status;
 }
+
+void dio_video_discard(struct dio_video *video)
+{
+	if (video)
+		release(video);
+}

@@ -19,6 +19,8 @@ enum dio_status dio_video_append(struct dio_video *video, const struct dio_pictu
 				 struct dio_error *error);
 /** Finish the file and release; NULL is fine. */
 enum dio_status dio_video_close(struct dio_video *video, struct dio_error *error);
+/** Give up: a former file of that name stays. NULL is fine. */
+void dio_video_discard(struct dio_video *video);
 
 #ifdef __cplusplus
 }
