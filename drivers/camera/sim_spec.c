@@ -167,11 +167,13 @@ static enum dio_status read_scene(const char *name, struct dio_sim_spec *spec,
 		spec->scene.kind = DIO_SIM_ROOM;
 	} else if (strcmp(name, "turntable") == 0) {
 		spec->scene.kind = DIO_SIM_TURNTABLE;
+	} else if (strcmp(name, "street") == 0) {
+		spec->scene.kind = DIO_SIM_STREET;
 	} else {
-		return dio_fail(
-			error, DIO_BAD_ARG,
-			"camera sim: unknown scene '%s'; there are table, room and turntable",
-			name);
+		return dio_fail(error, DIO_BAD_ARG,
+				"camera sim: unknown scene '%s'; there are table, room, turntable "
+				"and street",
+				name);
 	}
 	return DIO_OK;
 }

@@ -39,11 +39,10 @@ struct v4l2_camera {
 	struct dio_v4l2_format format;
 	struct mapping buffers[BUFFERS_MAX];
 	uint32_t buffer_count; /* mapped so far: a half-open camera closes like any other */
-	uint32_t queued_count;
-	bool holds;	/* a frame is lent to the caller */
-	uint32_t held;	/* its buffer */
-	bool gone;	/* unplugged: nothing but close works */
-	bool sequenced; /* last_sequence is valid */
+	bool holds;	       /* a frame is lent to the caller */
+	uint32_t held;	       /* its buffer */
+	bool gone;	       /* unplugged: nothing but close works */
+	bool sequenced;	       /* last_sequence is valid */
 	uint32_t last_sequence;
 };
 
@@ -203,7 +202,6 @@ static enum dio_status enqueue(struct v4l2_camera *v4l2, uint32_t index, struct 
 	buffer_init(v4l2, &buffer, &plane, index);
 	if (dio_v4l2_ioctl(&v4l2->device, VIDIOC_QBUF, &buffer) != 0)
 		return fail_call(v4l2, "VIDIOC_QBUF", error);
-	v4l2->queued_count++;
 	return DIO_OK;
 }
 
@@ -226,7 +224,6 @@ static enum dio_status dequeue(struct v4l2_camera *v4l2, struct taken *taken,
 	if (buffer.index >= v4l2->buffer_count)
 		return dio_fail(error, DIO_IO, "camera %s: the driver handed out buffer %u of %u",
 				v4l2->path, buffer.index, v4l2->buffer_count);
-	v4l2->queued_count--;
 	*taken = (struct taken){
 		.index = buffer.index,
 		.flags = buffer.flags,
@@ -266,7 +263,7 @@ static bool is_broken(const struct v4l2_camera *v4l2, const struct taken *taken)
  * Take what is filled: the newest good frame, or the oldest when every frame is wished. At most
  * one round of the buffers, so that a camera faster than us cannot hold us here.
  *
- * starved  set when no buffer was left for the driver to fill
+ * starved  set when the driver had no buffer left to fill
  */
 static enum dio_status take_ready(struct v4l2_camera *v4l2, struct taken *newest, bool *starved,
 				  struct dio_error *error)
@@ -281,7 +278,8 @@ static enum dio_status take_ready(struct v4l2_camera *v4l2, struct taken *newest
 		status = dequeue(v4l2, &taken, error);
 		if (status != DIO_OK)
 			break;
-		*starved |= v4l2->queued_count == 0;
+		/* All were filled but the one the caller gave back just now. */
+		*starved = round + 2 >= v4l2->buffer_count;
 		count_gap(v4l2, taken.sequence);
 		if (is_broken(v4l2, &taken)) {
 			v4l2->base.counters.broken++;
@@ -425,7 +423,6 @@ static enum dio_status v4l2_start(struct dio_camera *camera, struct dio_error *e
 
 	if (v4l2->gone)
 		return fail_gone(v4l2, error);
-	v4l2->queued_count = 0;
 	v4l2->sequenced = false;
 	for (uint32_t i = 0; i < v4l2->buffer_count && status == DIO_OK; i++)
 		status = enqueue(v4l2, i, error);
