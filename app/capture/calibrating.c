@@ -1,6 +1,6 @@
 #include "capture/calibrating.h"
 
-#include <inttypes.h>
+#include <stdlib.h>
 
 #include "core/log.h"
 
@@ -10,7 +10,7 @@
 void dio_calibrating_defaults(struct dio_calibrating_options *options)
 {
 	*options = (struct dio_calibrating_options){
-		.gather = {.views = 30, .coverage = 0.85, .seconds = 120},
+		.gather = {.views = 30, .coverage = 0.7, .seconds = 120},
 	};
 	dio_calibration_defaults(&options->fit);
 }
@@ -41,6 +41,18 @@ static enum dio_status fit(const struct dio_calibrating_options *options,
 			     views->height, &options->fit, &result->calibration, error);
 }
 
+/* Of the simulated camera: turn the board about, one picture each time the hand rests. */
+static enum dio_status open_input(const char *spec, const struct dio_camera_options *camera,
+				  struct dio_input **input, struct dio_error *error)
+{
+	char *told = dio_input_instruct(spec, "style=dance&fps=0.66667");
+	enum dio_status status = told ? dio_input_open(told, camera, input, error)
+				      : dio_fail(error, DIO_NO_MEM, "%s: no memory", spec);
+
+	free(told);
+	return status;
+}
+
 enum dio_status dio_calibrating_run(const char *input_spec, const struct dio_board *board,
 				    const struct dio_calibrating_options *options,
 				    struct dio_calibrating *result, struct dio_error *error)
@@ -49,7 +61,7 @@ enum dio_status dio_calibrating_run(const char *input_spec, const struct dio_boa
 	struct dio_board known = *board;
 	struct dio_input *input;
 	bool live, ended = false;
-	enum dio_status status = dio_input_open(input_spec, &options->camera, &input, error);
+	enum dio_status status = open_input(input_spec, &options->camera, &input, error);
 
 	if (status != DIO_OK)
 		return status;

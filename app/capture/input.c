@@ -21,6 +21,38 @@ struct dio_input {
 	uint32_t unreadable;
 };
 
+/* Does `spec` have the word that starts at `word` and ends with its '='? */
+static bool has_word(const char *spec, const char *word)
+{
+	size_t length = strcspn(word, "=") + 1;
+
+	for (const char *at = strchr(spec, '?'); at; at = strchr(at + 1, '&'))
+		if (strncmp(at + 1, word, length) == 0)
+			return true;
+	return false;
+}
+
+char *dio_input_instruct(const char *spec, const char *words)
+{
+	size_t size = strlen(spec) + strlen(words) + 2;
+	char *told = malloc(size);
+
+	if (!told)
+		return NULL;
+	snprintf(told, size, "%s", spec);
+	if (strncmp(spec, "sim:", 4) != 0)
+		return told;
+	for (const char *word = words; *word;) {
+		size_t length = strcspn(word, "&"), used = strlen(told);
+
+		if (!has_word(spec, word))
+			snprintf(told + used, size - used, "%c%.*s", strchr(told, '?') ? '&' : '?',
+				 (int)length, word);
+		word += length + (word[length] == '&');
+	}
+	return told;
+}
+
 enum dio_status dio_input_open(const char *spec, const struct dio_camera_options *options,
 			       struct dio_input **input, struct dio_error *error)
 {

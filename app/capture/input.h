@@ -19,6 +19,13 @@ enum dio_input_kind {
 /** Opaque, thread-bound. */
 struct dio_input;
 
+/**
+ * What a person before the camera would do, as words of the simulated one: `sim:table` becomes
+ * `sim:table?style=dance&fps=2` with words "style=dance&fps=2". Words that `spec` has stay as they
+ * are, and so does any other input. Release with free(); NULL: memory was short.
+ */
+char *dio_input_instruct(const char *spec, const char *words);
+
 /** What is known of one picture beside its pixels. */
 struct dio_input_frame {
 	char name[256]; /* the file's name, or "frame 12" */

@@ -205,8 +205,12 @@ static enum dio_status prepare(struct posing *p, const char *input, const struct
 			       struct dio_error *error)
 {
 	uint32_t width, height;
-	enum dio_status status = dio_input_open(input, &p->options->camera, &p->input, error);
+	/* Of the simulated camera: a walk round the scene in some 40 pictures. */
+	char *told = dio_input_instruct(input, "style=walk&fps=1");
+	enum dio_status status = told ? dio_input_open(told, &p->options->camera, &p->input, error)
+				      : dio_fail(error, DIO_NO_MEM, "%s: no memory", input);
 
+	free(told);
 	if (status != DIO_OK)
 		return status;
 	p->kind = dio_input_get_kind(p->input);

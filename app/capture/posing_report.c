@@ -3,8 +3,8 @@
 #include <string.h>
 
 #include "capture/posing.h"
-#include "core/path.h"
 #include "core/json_out.h"
+#include "core/path.h"
 
 static const char *use_text(enum dio_posed_use use)
 {

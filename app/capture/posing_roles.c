@@ -6,7 +6,7 @@
 
 /* A pose is an outlier when its error is this much above the median, and not small by itself. */
 #define OUTLIER_RATIO  3.0
-#define OUTLIER_MIN_PX 1.0
+#define OUTLIER_MIN_PX 0.5
 
 static bool is_posed(const struct dio_posed_view *view)
 {

@@ -138,7 +138,9 @@ int dio_command_calibrate(int argc, char **argv)
 			   "charuco:COLSxROWS:SQUARE_M:MARKER_M:DICTIONARY[:legacy]\n"
 			   "or chessboard:COLSxROWS:SQUARE_M (inner corners). Show the board close "
 			   "and\n"
-			   "far, tilted, and in all corners of the picture.",
+			   "far, tilted, and in all corners of the picture; the simulated camera "
+			   "does so by\n"
+			   "itself.",
 		.min_arguments = 1,
 		.max_arguments = 1,
 		.options = table,

@@ -23,6 +23,7 @@ static const struct {
 	{"eval", dio_command_eval, "score rendered targets against their true pictures"},
 	{"view", dio_command_view, "look at a scene in a window"},
 	{"info", dio_command_info, "say what a file holds"},
+	{"demo", dio_command_demo, "go the whole way, from camera frames to rendered viewpoints"},
 };
 
 static void print_help(void)

@@ -5,10 +5,10 @@
 
 #include "capture/posing.h"
 #include "commands.h"
-#include "core/path.h"
 #include "core/json_out.h"
 #include "core/log.h"
 #include "core/options.h"
+#include "core/path.h"
 #include "dio/calibration.h"
 
 struct request {
