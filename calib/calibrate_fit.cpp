@@ -37,7 +37,7 @@ Fit fit_views(const Views &views, cv::Size size, unsigned terms, const Lens *sta
 	std::vector<cv::Mat> rotations, translations;
 	fit.rms_px = cv::calibrateCamera(
 		board, image, size, matrix, distortion, rotations, translations, flags,
-		{cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 60, 1e-10});
+		{cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 60, 1e-7});
 	fit.lens.matrix = cv::Matx33d(matrix);
 	fit.lens.distortion = cv::Vec<double, 5>(distortion.ptr<double>());
 	for (size_t i = 0; i < views.size(); i++) {

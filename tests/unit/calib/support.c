@@ -140,13 +140,13 @@ struct dio_pose orbit(double azimuth_deg, double elevation_deg, double distance_
 	return look_at(eye, centre, roll_deg);
 }
 
-/* Inverse of the plumb-bob model by Newton's method on the fixed point. */
+/* Inverse of the plumb-bob model by fixed-point iteration; mild distortion needs few rounds. */
 static void undistort_pixel(const struct dio_camera_model *m, double u, double v, double ray[2])
 {
 	const double *d = m->dist;
 	double xd = (u - m->cx) / m->fx, yd = (v - m->cy) / m->fy, x = xd, y = yd;
 
-	for (int i = 0; i < 40; i++) {
+	for (int i = 0; i < 10; i++) {
 		double r2 = x * x + y * y;
 		double radial = 1 + r2 * (d[0] + r2 * (d[1] + r2 * d[4]));
 		double tx = 2 * d[2] * x * y + d[3] * (r2 + 2 * x * x);
@@ -159,42 +159,68 @@ static void undistort_pixel(const struct dio_camera_model *m, double u, double v
 	ray[1] = y;
 }
 
-/* Grey of the board's plane at a world position, from the print with two pixels of margin. */
+/* Grey of the board's plane at a world position, from the print. */
 struct print {
 	struct dio_picture picture;
 	double pixel_m, width_m, height_m;
 };
 
-enum { PRINT_SQUARE_PX = 60, PRINT_MARGIN_PX = 30, SAMPLES = 4 };
+enum { PRINT_SQUARE_PX = 60, PRINT_MARGIN_PX = 30, FINE = 3 };
 
-static double sample_print(const struct print *print, double x, double y)
+static double print_grey(const struct print *print, int64_t u, int64_t v)
 {
-	double u = (x + print->width_m / 2) / print->pixel_m;
-	double v = (print->height_m / 2 - y) / print->pixel_m;
-
 	if (u < 0 || v < 0 || u >= print->picture.width || v >= print->picture.height)
 		return 110;
 	return print->picture.rgb[3 * ((size_t)v * print->picture.width + (size_t)u)];
 }
 
-static double sample_pixel(const struct print *print, const struct dio_camera_model *model,
-			   const double *t, double u, double v)
+/* Bilinear, so that an edge moves smoothly however it lies to the pixels of the picture. */
+static double sample_print(const struct print *print, double x, double y)
 {
-	double sum = 0;
+	double u = (x + print->width_m / 2) / print->pixel_m - 0.5;
+	double v = (print->height_m / 2 - y) / print->pixel_m - 0.5;
+	double left = floor(fmax(-2, fmin(u, 1e6))), top = floor(fmax(-2, fmin(v, 1e6)));
+	double a = fmax(0, fmin(u - left, 1)), b = fmax(0, fmin(v - top, 1));
+	int64_t i = (int64_t)left, j = (int64_t)top;
 
-	for (int i = 0; i < SAMPLES * SAMPLES; i++) {
-		double ray[2], direction[3];
+	return (1 - b) * ((1 - a) * print_grey(print, i, j) + a * print_grey(print, i + 1, j)) +
+	       b * ((1 - a) * print_grey(print, i, j + 1) + a * print_grey(print, i + 1, j + 1));
+}
 
-		undistort_pixel(model, u + (i % SAMPLES + 0.5) / SAMPLES - 0.5,
-				v + (i / SAMPLES + 0.5) / SAMPLES - 0.5, ray);
-		for (int k = 0; k < 3; k++)
-			direction[k] = t[4 * k] * ray[0] + t[4 * k + 1] * ray[1] + t[4 * k + 2];
-		double along = -t[11] / direction[2];
-		sum += along > 0 ? sample_print(print, t[3] + along * direction[0],
-						t[7] + along * direction[1])
-				 : 40;
-	}
-	return sum / (SAMPLES * SAMPLES);
+/* What a pinhole of no size sees at one point of the picture. */
+static float sample_point(const struct print *print, const struct dio_camera_model *model,
+			  const double *t, double u, double v)
+{
+	double ray[2], direction[3];
+
+	undistort_pixel(model, u, v, ray);
+	for (int k = 0; k < 3; k++)
+		direction[k] = t[4 * k] * ray[0] + t[4 * k + 1] * ray[1] + t[4 * k + 2];
+	double along = -t[11] / direction[2];
+	if (!(along > 0))
+		return 40;
+	return (float)sample_print(print, t[3] + along * direction[0], t[7] + along * direction[1]);
+}
+
+/* One pixel from FINE x FINE points each, under a tent two pixels wide: as soft as a good lens. */
+static double filter_pixel(const float *fine, uint32_t width, uint32_t height, uint32_t u,
+			   uint32_t v)
+{
+	double sum = 0, weights = 0;
+
+	for (int j = 1 - FINE; j < FINE; j++)
+		for (int i = 1 - FINE; i < FINE; i++) {
+			int64_t x = (int64_t)u * FINE + FINE / 2 + i;
+			int64_t y = (int64_t)v * FINE + FINE / 2 + j;
+			double weight = (FINE - abs(i)) * (FINE - abs(j));
+
+			if (x < 0 || y < 0 || x >= (int64_t)width * FINE ||
+			    y >= (int64_t)height * FINE)
+				continue;
+			sum += weight * fine[(size_t)y * width * FINE + (size_t)x];
+			weights += weight;
+		}
+	return sum / weights;
 }
 
 void render_board(const struct dio_board *board, const struct dio_camera_model *model,
@@ -202,22 +228,31 @@ void render_board(const struct dio_board *board, const struct dio_camera_model *
 {
 	struct print print = {.pixel_m = board->square_m / PRINT_SQUARE_PX};
 	struct dio_error error = {""};
+	uint32_t width = model->width, height = model->height;
+	float *fine = calloc((size_t)width * FINE * height * FINE, sizeof(*fine));
 
+	assert_non_null(fine);
 	if (dio_board_draw(board, PRINT_SQUARE_PX, PRINT_MARGIN_PX, &print.picture, &error) !=
 	    DIO_OK)
 		fail_msg("%s", error.text);
 	print.width_m = print.picture.width * print.pixel_m;
 	print.height_m = print.picture.height * print.pixel_m;
-	dio_picture_deinit(picture);
-	assert_int_equal(dio_picture_init(picture, model->width, model->height), DIO_OK);
-	for (uint32_t v = 0; v < model->height; v++)
-		for (uint32_t u = 0; u < model->width; u++) {
-			double grey = sample_pixel(&print, model, pose->world_from_camera, u, v);
+	for (uint32_t y = 0; y < height * FINE; y++)
+		for (uint32_t x = 0; x < width * FINE; x++)
+			fine[(size_t)y * width * FINE + x] =
+				sample_point(&print, model, pose->world_from_camera,
+					     (x + 0.5) / FINE - 0.5, (y + 0.5) / FINE - 0.5);
 
-			memset(picture->rgb + 3 * ((size_t)v * model->width + u), (int)(grey + 0.5),
-			       3);
+	dio_picture_deinit(picture);
+	assert_int_equal(dio_picture_init(picture, width, height), DIO_OK);
+	for (uint32_t v = 0; v < height; v++)
+		for (uint32_t u = 0; u < width; u++) {
+			double grey = filter_pixel(fine, width, height, u, v);
+
+			memset(picture->rgb + 3 * ((size_t)v * width + u), (int)(grey + 0.5), 3);
 		}
 	dio_picture_deinit(&print.picture);
+	free(fine);
 }
 
 void project_corners(const struct dio_board *board, const struct dio_camera_model *model,
