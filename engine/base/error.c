@@ -7,11 +7,10 @@
 /* Characters of a file's name that a message shows. */
 #define NAME_ROOM 150
 
-enum dvsm_status dvsm_fail(struct dvsm_error *error, enum dvsm_status status, const char *format,
-			   ...)
+void dvsm_error_write(struct dvsm_error *error, const char *format, ...)
 {
 	if (!error)
-		return status;
+		return;
 
 	va_list arguments;
 	va_start(arguments, format);
@@ -21,7 +20,6 @@ enum dvsm_status dvsm_fail(struct dvsm_error *error, enum dvsm_status status, co
 		if ((unsigned char)*c < ' ' || *c == 0x7f)
 			*c = '?';
 	}
-	return status;
 }
 
 const char *dvsm_name_tail(const char *name)

@@ -318,7 +318,7 @@ struct dvsm_tensor *dvsm_safetensors_find(const struct dvsm_safetensors *file, c
 {
 	const struct dvsm_tensor wanted = {.name = name};
 	const struct dvsm_tensor *key = &wanted;
-	struct dvsm_tensor **found =
-		bsearch(&key, file->by_name, file->count, sizeof(*file->by_name), compare_names);
+	struct dvsm_tensor **found = bsearch(&key, file->by_name, file->count,
+					     sizeof(struct dvsm_tensor *), compare_names);
 	return found ? *found : NULL;
 }

@@ -2,8 +2,10 @@
 
 #include <string.h>
 
+#include "files/sha256_compress.h"
+
 /* First 32 bits of the fractions of the cube roots of the first 64 primes (section 4.2.2). */
-static const uint32_t round_constants[64] = {
+const uint32_t dvsm_sha256_constants[64] = {
 	0x428a2f98, 0x71374491, 0xb5c0fbcf, 0xe9b5dba5, 0x3956c25b, 0x59f111f1, 0x923f82a4,
 	0xab1c5ed5, 0xd807aa98, 0x12835b01, 0x243185be, 0x550c7dc3, 0x72be5d74, 0x80deb1fe,
 	0x9bdc06a7, 0xc19bf174, 0xe49b69c1, 0xefbe4786, 0x0fc19dc6, 0x240ca1cc, 0x2de92c6f,
@@ -34,8 +36,8 @@ static void expand_schedule(const unsigned char block[64], uint32_t w[64])
 	}
 }
 
-/* Section 6.2.2; s[0..7] are a..h. */
-static void compress(uint32_t state[8], const unsigned char block[64])
+/* s[0..7] are a..h. */
+static void compress_block(uint32_t state[8], const unsigned char block[64])
 {
 	uint32_t w[64], s[8];
 	expand_schedule(block, w);
@@ -44,7 +46,7 @@ static void compress(uint32_t state[8], const unsigned char block[64])
 		uint32_t sum1 =
 			rotate_right(s[4], 6) ^ rotate_right(s[4], 11) ^ rotate_right(s[4], 25);
 		uint32_t choice = (s[4] & s[5]) ^ (~s[4] & s[6]);
-		uint32_t t1 = s[7] + sum1 + choice + round_constants[i] + w[i];
+		uint32_t t1 = s[7] + sum1 + choice + dvsm_sha256_constants[i] + w[i];
 		uint32_t sum0 =
 			rotate_right(s[0], 2) ^ rotate_right(s[0], 13) ^ rotate_right(s[0], 22);
 		uint32_t majority = (s[0] & s[1]) ^ (s[0] & s[2]) ^ (s[1] & s[2]);
@@ -61,12 +63,21 @@ static void compress(uint32_t state[8], const unsigned char block[64])
 		state[i] += s[i];
 }
 
+void dvsm_sha256_compress_scalar(uint32_t state[8], const unsigned char *blocks, size_t count)
+{
+	for (; count > 0; count--, blocks += 64)
+		compress_block(state, blocks);
+}
+
 void dvsm_sha256_init(struct dvsm_sha256 *hash)
 {
 	static const uint32_t initial[8] = {0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a,
 					    0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19};
 	memcpy(hash->state, initial, sizeof(initial));
 	hash->length = 0;
+	hash->compress = dvsm_sha256_find_hardware();
+	if (!hash->compress)
+		hash->compress = dvsm_sha256_compress_scalar;
 }
 
 void dvsm_sha256_update(struct dvsm_sha256 *hash, const void *bytes, size_t size)
@@ -81,14 +92,13 @@ void dvsm_sha256_update(struct dvsm_sha256 *hash, const void *bytes, size_t size
 			memcpy(hash->block + filled, from, taken);
 		if (taken < room)
 			return;
-		compress(hash->state, hash->block);
+		hash->compress(hash->state, hash->block, 1);
 		from += taken;
 		size -= taken;
 	}
-	for (; size >= sizeof(hash->block); from += 64, size -= 64)
-		compress(hash->state, from);
-	if (size)
-		memcpy(hash->block, from, size);
+	hash->compress(hash->state, from, size / sizeof(hash->block));
+	if (size % sizeof(hash->block))
+		memcpy(hash->block, from + size / 64 * 64, size % sizeof(hash->block));
 }
 
 void dvsm_sha256_finish(struct dvsm_sha256 *hash, char hex[DVSM_SHA256_HEX])

@@ -9,6 +9,8 @@
 #define DVSM_SHA256_HEX 65
 
 struct dvsm_sha256 {
+	/* The CPU's own instructions where it has them: ten times as fast. */
+	void (*compress)(uint32_t state[8], const unsigned char *blocks, size_t count);
 	uint32_t state[8];
 	uint64_t length; /* bytes so far */
 	unsigned char block[64];

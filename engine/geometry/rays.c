@@ -61,8 +61,9 @@ void dvsm_ray_map_write(const struct dvsm_ray_map *map, size_t first_token, size
 {
 	uint32_t q = map->patch_px;
 	for (size_t token = first_token; token < first_token + count; token++) {
-		double left = (double)(token % map->grid.columns * q);
-		double top = (double)(token / map->grid.columns * q);
+		size_t token_row = token / map->grid.columns;
+		double left = (double)((token - token_row * map->grid.columns) * q);
+		double top = (double)(token_row * q);
 		for (uint32_t row = 0; row < q; row++) {
 			for (uint32_t column = 0; column < q; column++) {
 				ray_at(map, left + column, top + row, patches);
