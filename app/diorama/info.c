@@ -137,6 +137,13 @@ static enum dio_status describe_frames(const char *path, cJSON **about, struct d
 	return DIO_OK;
 }
 
+static bool is_json_name(const char *path)
+{
+	size_t length = strlen(path);
+
+	return length > 5 && strcmp(path + length - 5, ".json") == 0;
+}
+
 /* Does the head of a file hold a word? */
 static bool holds(const char *head, size_t size, const char *word)
 {
@@ -156,7 +163,7 @@ static enum dio_status describe_file(const char *path, cJSON **about, struct dio
 	else if (size > 9 && head[8] == '{')
 		status = holds(head, size, "model_sha256") ? describe_cache(path, about, error)
 							   : describe_model(path, about, error);
-	else if (holds(head, size, "world_from_camera") || (size > 0 && head[0] == '{'))
+	else if (is_json_name(path) || holds(head, size, "world_from_camera"))
 		status = describe_scene(path, about, error);
 	else if (holds(head, size, "camera_matrix"))
 		status = describe_camera(path, about, error);
