@@ -68,7 +68,7 @@ enum dvsm_status dvsm_render(struct dvsm_engine *engine, const struct dvsm_scene
 	if (status == DVSM_OK && !out)
 		status = dvsm_fail(error, DVSM_BAD_ARG, "render: no place for the picture");
 	if (status == DVSM_OK)
-		status = dvsm_camera_check(camera, "target camera", error);
+		status = dvsm_target_check(camera, &scene->normalisation, "target camera", error);
 	if (status == DVSM_OK)
 		status = dvsm_engine_reserve(engine, camera, 1, patch_px, error);
 	if (status != DVSM_OK)

@@ -19,6 +19,13 @@
 /* Below this extent a rig is one point and keeps its scale. */
 #define MIN_EXTENT 1e-9
 
+/* Farthest camera to render from, in the normalised frame. */
+#define MAX_DISTANCE 1e9
+
+/* Colours are 0..1; resamplers overshoot a little, 8-bit values by far. */
+#define MIN_COLOUR (-1.0f)
+#define MAX_COLOUR 2.0f
+
 /* A rig leaves this share of the unit cube as margin (GS-LRM). */
 #define EXTENT_MARGIN 1.35
 
@@ -170,10 +177,12 @@ static enum dvsm_status check_picture(const struct dvsm_view *view, const char *
 	for (uint32_t y = 0; y < view->camera.height; y++) {
 		const float *rgb = view->rgb + y * row;
 		for (size_t i = 0; i < row; i++) {
-			if (!isfinite(rgb[i]))
+			/* Written so that NaN fails as well. */
+			if (!(rgb[i] >= MIN_COLOUR && rgb[i] <= MAX_COLOUR))
 				return dvsm_fail(error, DVSM_BAD_ARG,
-						 "%s: pixel (%zu, %u) channel %zu is not finite",
-						 what, i / 3, y, i % 3);
+						 "%s: pixel (%zu, %u) channel %zu is %g: colours "
+						 "are 0..1, divide 8-bit values by 255",
+						 what, i / 3, y, i % 3, (double)rgb[i]);
 		}
 	}
 	return DVSM_OK;
@@ -318,4 +327,22 @@ struct dvsm_pose dvsm_normalisation_apply(const struct dvsm_normalisation *norma
 	for (int i = 0; i < 3; i++)
 		pose.centre[i] *= normalisation->scale;
 	return pose;
+}
+
+enum dvsm_status dvsm_target_check(const struct dvsm_camera *camera,
+				   const struct dvsm_normalisation *normalisation, const char *what,
+				   struct dvsm_error *error)
+{
+	enum dvsm_status status = dvsm_camera_check(camera, what, error);
+	if (status != DVSM_OK)
+		return status;
+	struct dvsm_pose pose = dvsm_normalisation_apply(normalisation, camera->world_from_camera);
+	for (int i = 0; i < 3; i++) {
+		if (fabs(pose.centre[i]) > MAX_DISTANCE)
+			return dvsm_fail(error, DVSM_BAD_ARG,
+					 "%s: stands %.3g rig sizes away, at most %g: is its pose "
+					 "in the frame and unit of the context views?",
+					 what, fabs(pose.centre[i]), MAX_DISTANCE);
+	}
+	return DVSM_OK;
 }

@@ -41,7 +41,10 @@ struct dvsm_normalisation {
 enum dvsm_status dvsm_camera_check(const struct dvsm_camera *camera, const char *what,
 				   struct dvsm_error *error);
 
-/** Check the context views: count, each camera, pictures present and every pixel finite. */
+/**
+ * Check the context views: count, each camera, pictures present, every colour finite and within
+ * -1..2, which leaves resampling its overshoot and catches 8-bit values.
+ */
 enum dvsm_status dvsm_views_check(const struct dvsm_view *views, uint32_t count,
 				  struct dvsm_error *error);
 
@@ -52,6 +55,14 @@ struct dvsm_normalisation dvsm_normalisation_compute(const struct dvsm_camera *c
 /** The same for views. */
 struct dvsm_normalisation dvsm_normalisation_from_views(const struct dvsm_view *views,
 							uint32_t count);
+
+/**
+ * Check a camera to render from: as dvsm_camera_check(), and not so far from the rig (1e9 times its
+ * size) that float loses the rays.
+ */
+enum dvsm_status dvsm_target_check(const struct dvsm_camera *camera,
+				   const struct dvsm_normalisation *normalisation, const char *what,
+				   struct dvsm_error *error);
 
 /** A world_from_camera pose (row-major 4x4) in the normalised frame. */
 struct dvsm_pose dvsm_normalisation_apply(const struct dvsm_normalisation *normalisation,

@@ -99,7 +99,7 @@ DVSM_API enum dvsm_status dvsm_plan(const struct dvsm_engine *engine,
  * stats      NULL, or filled
  *
  * DVSM_BAD_ARG      no views, a camera out of range, a pose that is not rigid (> 1e-3), a
- *                   non-finite pixel; the text names the view
+ *                   colour that is not finite or outside -1..2; the text names the view
  * DVSM_UNSUPPORTED  a model with a prior (features are not computed here)
  */
 DVSM_API enum dvsm_status dvsm_reconstruct(struct dvsm_engine *engine,
@@ -126,7 +126,7 @@ DVSM_API enum dvsm_status dvsm_render_reserve(struct dvsm_engine *engine,
  *
  * The workspace grows when dvsm_render_reserve() was not called for this size.
  *
- * DVSM_BAD_ARG   non-finite or non-rigid pose, focal length <= 0
+ * DVSM_BAD_ARG   non-finite or non-rigid pose, focal length <= 0, 1e9 rig sizes away
  * DVSM_MISMATCH  the scene was made with another model than the engine's
  */
 DVSM_API enum dvsm_status dvsm_render(struct dvsm_engine *engine, const struct dvsm_scene *scene,

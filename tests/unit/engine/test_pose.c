@@ -266,7 +266,30 @@ static void views_are_checked_one_by_one_and_named(void **state)
 	views[1].rgb = rgb;
 	rgb[(5 * 48 + 9) * 3 + 2] = NAN;
 	assert_int_equal(dvsm_views_check(views, 3, &error), DVSM_BAD_ARG);
-	assert_text_has(&error, "view 0: pixel (9, 5) channel 2");
+	assert_text_has(&error, "view 0: pixel (9, 5) channel 2 is nan");
+	rgb[(5 * 48 + 9) * 3 + 2] = 255;
+	assert_int_equal(dvsm_views_check(views, 3, &error), DVSM_BAD_ARG);
+	assert_text_has(&error, "divide 8-bit values by 255");
+	rgb[(5 * 48 + 9) * 3 + 2] = -0.1f;
+	assert_int_equal(dvsm_views_check(views, 3, &error), DVSM_OK);
+}
+
+static void a_target_in_another_unit_is_refused(void **state)
+{
+	(void)state;
+	struct dvsm_camera rig[RIG];
+	rig_make_arc(rig, RIG);
+	struct dvsm_normalisation n = dvsm_normalisation_compute(rig, RIG);
+	struct dvsm_camera target = rig[2];
+	struct dvsm_error error = {""};
+	target.world_from_camera[3] = 1e6;
+	assert_int_equal(dvsm_target_check(&target, &n, "target camera", &error), DVSM_OK);
+	target.world_from_camera[3] = -1e11;
+	assert_int_equal(dvsm_target_check(&target, &n, "target camera", &error), DVSM_BAD_ARG);
+	assert_text_has(&error, "target camera: stands");
+	target.fx = 0;
+	assert_int_equal(dvsm_target_check(&target, &n, "target camera", &error), DVSM_BAD_ARG);
+	assert_text_has(&error, "target camera: focal length");
 }
 
 static void an_error_text_is_one_line_whatever_a_file_brings(void **state)
@@ -296,6 +319,7 @@ int main(void)
 		cmocka_unit_test(a_pose_that_is_not_rigid_is_refused),
 		cmocka_unit_test(intrinsics_out_of_range_are_refused),
 		cmocka_unit_test(views_are_checked_one_by_one_and_named),
+		cmocka_unit_test(a_target_in_another_unit_is_refused),
 		cmocka_unit_test(an_error_text_is_one_line_whatever_a_file_brings),
 	};
 	return cmocka_run_group_tests(tests, NULL, NULL);
