@@ -108,24 +108,52 @@ bool same_pose(const PlanarPose &a, const PlanarPose &b)
 
 } // namespace
 
-std::vector<PlanarPose> solve_planar(const View &view, const Lens &lens)
+namespace
 {
+
+/* Both IPPE solutions, refined, with the board turned in its plane by `turn_rad` while solving. */
+std::vector<PlanarPose> solve_turned(const View &view, const Lens &lens, double turn_rad)
+{
+	double c = std::cos(turn_rad), s = std::sin(turn_rad);
+	cv::Matx33d turn(c, -s, 0, s, c, 0, 0, 0, 1);
+	std::vector<cv::Point3d> board;
+	for (const cv::Point3f &point : view.board)
+		board.emplace_back(turn * cv::Point3d(point));
+	std::vector<cv::Point2d> image(view.image.begin(), view.image.end());
 	std::vector<cv::Mat> rotations, translations;
-	cv::solvePnPGeneric(view.board, view.image, lens.matrix, lens.distortion, rotations,
-			    translations, false, cv::SOLVEPNP_IPPE);
+	cv::solvePnPGeneric(board, image, lens.matrix, lens.distortion, rotations, translations,
+			    false, cv::SOLVEPNP_IPPE);
+
 	std::vector<PlanarPose> poses;
 	for (size_t i = 0; i < rotations.size(); i++) {
+		if (!cv::checkRange(rotations[i]) || !cv::checkRange(translations[i]))
+			continue;
+		cv::Matx33d rotation;
+		cv::Rodrigues(rotations[i], rotation);
 		PlanarPose pose;
-		pose.rotation = cv::Vec3d(rotations[i].ptr<double>());
+		cv::Rodrigues(rotation * turn, pose.rotation);
 		pose.translation = cv::Vec3d(translations[i].ptr<double>());
-		cv::Mat rotation(pose.rotation, false), translation(pose.translation, false);
-		cv::solvePnPRefineLM(view.board, view.image, lens.matrix, lens.distortion, rotation,
-				     translation,
+		cv::Mat refined_rotation(pose.rotation, false),
+			refined_translation(pose.translation, false);
+		cv::solvePnPRefineLM(view.board, view.image, lens.matrix, lens.distortion,
+				     refined_rotation, refined_translation,
 				     {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 50, 1e-12});
 		pose.rms_px = reprojection_rms(view, lens, pose);
 		if (in_front(view, pose))
 			poses.push_back(pose);
 	}
+	return poses;
+}
+
+} // namespace
+
+std::vector<PlanarPose> solve_planar(const View &view, const Lens &lens)
+{
+	/* A board whose axis lies along the picture's can make IPPE divide by nothing. */
+	std::vector<PlanarPose> poses;
+	for (double turn_rad : {0.0, 0.7, 2.0})
+		if (poses.empty())
+			poses = solve_turned(view, lens, turn_rad);
 	std::sort(poses.begin(), poses.end(),
 		  [](const PlanarPose &a, const PlanarPose &b) { return a.rms_px < b.rms_px; });
 	if (poses.size() > 1 && same_pose(poses[0], poses[1]))
