@@ -2,6 +2,7 @@
 #include <cjson/cJSON.h>
 #include <math.h>
 #include <stdarg.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -228,7 +229,7 @@ static enum dio_status read_root(const struct place *where, const cJSON *root,
 }
 
 static enum dio_status refuse_syntax(const char *text, size_t size, const char *stop,
-				     const char *path, struct dio_error *error)
+				     const char *path, bool cut, struct dio_error *error)
 {
 	const char *end = text + size, *line_start = text;
 	unsigned line = 1;
@@ -248,9 +249,9 @@ static enum dio_status refuse_syntax(const char *text, size_t size, const char *
 
 	return dio_fail(error, DIO_BAD_FILE, "%s: line %u, column %u: %s", path, line,
 			(unsigned)(stop - line_start) + 1,
-			not_finite    ? "a number that is not finite"
-			: stop == end ? "the JSON text ends too early: is the file whole?"
-				      : "not JSON from here on");
+			not_finite ? "a number that is not finite"
+			: cut	   ? "the JSON text ends too early: is the file whole?"
+				   : "not JSON from here on");
 }
 
 enum dio_status dio_scene_file_parse(const char *text, size_t size, const char *path,
@@ -258,16 +259,19 @@ enum dio_status dio_scene_file_parse(const char *text, size_t size, const char *
 {
 	const struct place at = {.path = path, .error = error};
 	struct dio_scene_file made = {0};
-	const char *stop = NULL;
+	const char *stop = NULL, *end = text + size;
 	cJSON *root = cJSON_ParseWithLengthOpts(text, size, &stop, 0);
 	enum dio_status status;
 
+	/* cJSON stops at the last character when the text ends too early. */
 	if (!root)
-		return refuse_syntax(text, size, stop, path, error);
-	while (stop < text + size && (strchr(" \t\r\n", *stop) && *stop))
+		return refuse_syntax(
+			text, size, stop, path,
+			!stop || stop == end || (stop + 1 == end && !strchr("]}", *stop)), error);
+	while (stop < end && *stop && strchr(" \t\r\n", *stop))
 		stop++;
-	if (stop < text + size)
-		status = refuse_syntax(text, size, stop, path, error);
+	if (stop < end)
+		status = refuse_syntax(text, size, stop, path, false, error);
 	else
 		status = read_root(&at, root, &made);
 	cJSON_Delete(root);

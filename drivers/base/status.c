@@ -47,6 +47,10 @@ enum dio_status dio_fail(struct dio_error *error, enum dio_status status, const 
 		va_start(arguments, format);
 		vsnprintf(error->text, sizeof(error->text), format, arguments);
 		va_end(arguments);
+		/* One line, whatever a file has put into its names. */
+		for (char *at = error->text; *at; at++)
+			if ((unsigned char)*at < ' ' || *at == 0x7f)
+				*at = '?';
 	}
 	return status;
 }

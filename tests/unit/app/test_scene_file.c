@@ -78,6 +78,8 @@ static const struct bad_scene {
 	 "frame 0|a.png|contxt"},
 	{"context without file", SCENE(CAMERA, "{\"world_from_camera\":" IDENTITY "}"),
 	 "frame 0|no file"},
+	{"a line break in a name", SCENE(CAMERA, FRAME("a\\nb.png", IDENTITY, "")),
+	 "a?b.png|missing"},
 	{"no frames", "{\"name\":\"t\"," CAMERA "}", "frames"},
 	{"a list", "[1,2]", "object"},
 	{"cut short", "{\"name\":\"t\",\"frames\":[", "ends too early"},
