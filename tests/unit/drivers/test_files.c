@@ -129,7 +129,7 @@ static void unwritable_places_are_named(void **state)
 
 	assert_fails(dio_atomic_file_write(scratch_path(*state, "no/a.txt"), "x", 1, &error),
 		     DIO_NOT_FOUND, error, "no/a.txt");
-	assert_fails(dio_atomic_file_write(*state, "x", 1, &error), DIO_IO, error, *state);
+	assert_fails(dio_atomic_file_write(*state, "x", 1, &error), DIO_IO, error, "directory");
 	/* A device is written straight, and is still a device afterwards. */
 	assert_fails(dio_atomic_file_write("/dev/full", "x", 1, &error), DIO_NO_SPACE, error,
 		     "/dev/full: the disk is full");
