@@ -41,8 +41,10 @@ enum dio_status dio_picture_resize(struct dio_picture *picture, uint32_t width, 
 	status = dio_picture_init(&made, width, height);
 	if (status != DIO_OK)
 		return status;
-	dio_picture_deinit(picture);
-	*picture = made;
+	free(picture->rgb);
+	picture->width = made.width;
+	picture->height = made.height;
+	picture->rgb = made.rgb;
 	return DIO_OK;
 }
 

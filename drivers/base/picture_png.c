@@ -143,7 +143,7 @@ static void decode(struct reader *reader, struct dio_picture *picture)
 
 	reader->status = dio_picture_resize(picture, width, height);
 	if (reader->status == DIO_OK && alpha) {
-		reader->rgba = malloc((size_t)width * height * 4);
+		reader->rgba = calloc((size_t)width * height, 4);
 		if (!reader->rgba)
 			reader->status = DIO_NO_MEM;
 	}

@@ -14,8 +14,9 @@ extern "C" {
 enum dio_pixel_format {
 	DIO_PIXEL_RGB24, /* [h][w][3] bytes */
 	DIO_PIXEL_GRAY8, /* [h][w] bytes */
-	DIO_PIXEL_YUYV,  /* [h][w/2][4] bytes Y0 U Y1 V; BT.601 limited range unless the driver says otherwise */
-	DIO_PIXEL_NV12,  /* [h][w] Y, then [h/2][w/2][2] UV */
+	DIO_PIXEL_YUYV,	 /* [h][w/2][4] bytes Y0 U Y1 V; BT.601 limited range unless the driver says
+			    otherwise */
+	DIO_PIXEL_NV12,	 /* [h][w] Y, then [h/2][w/2][2] UV */
 	DIO_PIXEL_MJPEG, /* one JPEG picture of size_bytes */
 };
 
@@ -42,7 +43,8 @@ struct dio_picture {
 	uint8_t *rgb; /* [height][width][3]; owned */
 };
 
-/** Allocate width x height; release with dio_picture_deinit(). DIO_NO_MEM, DIO_BAD_ARG (0 or > 16384). */
+/** Allocate width x height; release with dio_picture_deinit(). DIO_NO_MEM, DIO_BAD_ARG (0 or >
+ * 16384). */
 enum dio_status dio_picture_init(struct dio_picture *picture, uint32_t width, uint32_t height);
 void dio_picture_deinit(struct dio_picture *picture);
 
@@ -64,8 +66,8 @@ struct dio_frame dio_frame_from_picture(const struct dio_picture *picture);
 
 /**
  * Read a PNG or JPEG file (by content, not by name) as RGB; 16-bit and palette are converted, alpha
- * is laid over white. EXIF orientation is not applied: calibration and poses speak of stored pixels.
- * A truncated or damaged file is refused, never filled up with grey.
+ * is laid over white. EXIF orientation is not applied: calibration and poses speak of stored
+ * pixels. A truncated or damaged file is refused, never filled up with grey.
  *
  * picture  receives a new picture; what it held before is not released
  */
@@ -84,7 +86,8 @@ enum dio_status dio_picture_decode(const uint8_t *bytes, size_t size, const char
 enum dio_status dio_picture_encode(const char *name, const struct dio_picture *picture,
 				   uint8_t **bytes, size_t *size, struct dio_error *error);
 
-/** Write beside, sync, rename. PNG by the name's ending ".png", JPEG quality 95 by ".jpg"/".jpeg". */
+/** Write beside, sync, rename. PNG by the name's ending ".png", JPEG quality 95 by ".jpg"/".jpeg".
+ */
 enum dio_status dio_picture_write(const char *path, const struct dio_picture *picture,
 				  struct dio_error *error);
 

@@ -1,5 +1,5 @@
-/* A recording: a folder with frames/NNNNNN.{png,jpg} and recording.json (camera; timestamp, sequence
- * and checksum of each frame). */
+/* A recording: a folder with frames/NNNNNN.{png,jpg} and recording.json (camera; timestamp,
+ * sequence and checksum of each frame). */
 #ifndef DIO_RECORDING_H
 #define DIO_RECORDING_H
 
