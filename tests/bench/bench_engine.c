@@ -54,12 +54,12 @@ static uint32_t tier(const char *name)
 static struct setup parse(int argc, char **argv)
 {
 	static const struct option options[] = {
-		{ "dim", 1, NULL, 'd' },     { "heads", 1, NULL, 'h' },	  { "layers", 1, NULL, 'l' },
-		{ "patch", 1, NULL, 'p' },   { "side", 1, NULL, 's' },	  { "views", 1, NULL, 'v' },
-		{ "threads", 1, NULL, 't' }, { "runs", 1, NULL, 'n' },	  { "cpu", 1, NULL, 'c' },
-		{ "help", 0, NULL, '?' },    { NULL, 0, NULL, 0 },
+		{"dim", 1, NULL, 'd'},	   {"heads", 1, NULL, 'h'}, {"layers", 1, NULL, 'l'},
+		{"patch", 1, NULL, 'p'},   {"side", 1, NULL, 's'},  {"views", 1, NULL, 'v'},
+		{"threads", 1, NULL, 't'}, {"runs", 1, NULL, 'n'},  {"cpu", 1, NULL, 'c'},
+		{"help", 0, NULL, '?'},	   {NULL, 0, NULL, 0},
 	};
-	struct setup setup = { 384, 6, 8, 16, 4, 256, 4, 0, 7, 0 };
+	struct setup setup = {384, 6, 8, 16, 4, 256, 4, 0, 7, 0};
 	int option;
 
 	while ((option = getopt_long(argc, argv, "", options, NULL)) != -1) {
@@ -165,7 +165,7 @@ static struct dvsm_view *make_views(const struct setup *setup, struct support_ra
 	float *rgb = malloc(setup->views * numbers * sizeof(float));
 
 	if (!views || !rgb)
-		must(DVSM_NO_MEM, &(struct dvsm_error){ "no memory for the pictures" });
+		must(DVSM_NO_MEM, &(struct dvsm_error){"no memory for the pictures"});
 	support_random_fill(random, rgb, setup->views * numbers, 1.0f);
 	for (uint32_t v = 0; v < setup->views; v++) {
 		views[v].camera = support_ring_camera(setup->side_px, setup->side_px, 2 * v,
@@ -187,8 +187,8 @@ int main(int argc, char **argv)
 		.mlp_ratio = setup.mlp_ratio,
 		.norm_eps = 1e-6,
 	};
-	const struct dvsm_engine_options options = { setup.threads, setup.cpu_mask };
-	struct support_random random = { 1 };
+	const struct dvsm_engine_options options = {setup.threads, setup.cpu_mask};
+	struct support_random random = {1};
 	struct dvsm_model *model = support_random_model(&config, &random);
 	struct dvsm_view *views = make_views(&setup, &random);
 	float *picture = malloc((size_t)setup.side_px * setup.side_px * 3 * sizeof(float));
@@ -197,7 +197,7 @@ int main(int argc, char **argv)
 	struct dvsm_engine *engine;
 	struct dvsm_scene *scene = NULL;
 	struct dvsm_stats recon, render;
-	struct dvsm_error error = { "no memory for the model" };
+	struct dvsm_error error = {"no memory for the model"};
 
 	must(model && picture ? DVSM_OK : DVSM_NO_MEM, &error);
 	must(dvsm_engine_create(model, &options, &engine, &error), &error);

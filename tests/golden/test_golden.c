@@ -157,5 +157,6 @@ int main(void)
 			every_case_agrees_with_the_oracle_and_gives_the_same_bits_for_any_thread_count),
 	};
 
+	setvbuf(stdout, NULL, _IOLBF, 0);
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
