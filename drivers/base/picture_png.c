@@ -4,6 +4,7 @@
 #include <setjmp.h>
 #include <stdlib.h>
 #include <string.h>
+#include <zlib.h>
 
 /* deflate cannot squeeze more than this many bytes into one. */
 #define DEFLATE_RATIO_MAX 1032
@@ -208,7 +209,13 @@ enum dio_status dio_png_encode(const struct dio_picture *picture, const char *na
 		png_set_IHDR(writer.png, writer.info, picture->width, picture->height, 8,
 			     PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
 			     PNG_FILTER_TYPE_DEFAULT);
-		png_set_compression_level(writer.png, 3);
+		/*
+		 * A camera's noise leaves deflate no repeats to find but runs. Looking for nothing
+		 * else gives files of the same size as level 3 in a third of the time.
+		 */
+		png_set_compression_level(writer.png, 1);
+		png_set_compression_strategy(writer.png, Z_RLE);
+		png_set_filter(writer.png, PNG_FILTER_TYPE_BASE, PNG_FILTER_SUB | PNG_FILTER_UP);
 		png_write_info(writer.png, writer.info);
 		for (size_t y = 0; y < picture->height; y++)
 			png_write_row(writer.png, picture->rgb + 3 * y * picture->width);
