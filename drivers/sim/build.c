@@ -1,6 +1,8 @@
 /* Primitives and things with their bounds. */
 #include "build.h"
 
+#define SIM_HUGE 1e9f
+
 struct rotation sim_turned(float yaw)
 {
 	float c = cos_turns(yaw), s = sin_turns(yaw);
@@ -30,36 +32,61 @@ struct rotation sim_tumbled(float yaw, float pitch, float roll)
 	return compose(&z, &yx);
 }
 
-/* Radius of the sphere about its centre that holds a primitive, a little generous. */
-static float bound_of(const struct prim *p)
+/* Half sides of the box that holds a primitive in its own frame. */
+static struct v3 reach_of(const struct prim *p)
 {
 	struct v3 h = p->half;
 	float r;
 
 	switch (p->shape) {
-	case SHAPE_ELLIPSOID:
-		r = maxf(h.x, maxf(h.y, h.z));
-		break;
 	case SHAPE_CYLINDER:
 	case SHAPE_CUP:
-		r = sqrtf(h.x * h.x + h.z * h.z);
-		break;
+		return v3(h.x, h.x, h.z);
 	case SHAPE_FRUSTUM:
 		r = maxf(h.x, p->extra);
-		r = sqrtf(r * r + h.z * h.z);
-		break;
+		return v3(r, r, h.z);
 	case SHAPE_TORUS:
 	case SHAPE_ARC:
-		r = h.x + h.y;
-		break;
+		return v3(h.x + h.y, h.x + h.y, h.y);
 	case SHAPE_PEBBLE:
-		r = maxf(h.x, maxf(h.y, h.z)) * (1 + 1.7f * p->extra);
-		break;
+		return v3_scale(h, 1 + 1.7f * p->extra);
 	default:
-		r = sqrtf(v3_dot(h, h));
-		break;
+		return h;
 	}
-	return 1.002f * r;
+}
+
+/* Radius of the sphere about its centre that holds it, a little generous. */
+static float bound_of(const struct prim *p)
+{
+	struct v3 h = p->reach;
+
+	switch (p->shape) {
+	case SHAPE_ELLIPSOID:
+	case SHAPE_PEBBLE:
+		return 1.002f * maxf(h.x, maxf(h.y, h.z));
+	case SHAPE_CYLINDER:
+	case SHAPE_CUP:
+	case SHAPE_FRUSTUM:
+		return 1.002f * sqrtf(h.x * h.x + h.z * h.z);
+	case SHAPE_TORUS:
+	case SHAPE_ARC:
+		return 1.002f * h.x;
+	default:
+		return 1.002f * sqrtf(v3_dot(h, h));
+	}
+}
+
+/* Box along the axes of the world, a little generous. */
+static void world_box(const struct prim *p, struct v3 *lo, struct v3 *hi)
+{
+	struct v3 h = v3_scale(p->reach, 1.002f), e;
+	const float *m = p->rot.m;
+
+	e.x = absf(m[0]) * h.x + absf(m[1]) * h.y + absf(m[2]) * h.z;
+	e.y = absf(m[3]) * h.x + absf(m[4]) * h.y + absf(m[5]) * h.z;
+	e.z = absf(m[6]) * h.x + absf(m[7]) * h.y + absf(m[8]) * h.z;
+	*lo = v3_sub(p->centre, e);
+	*hi = v3_add(p->centre, e);
 }
 
 bool sim_thing_begin(struct builder *b, struct dio_sim_scene *scene, struct rng *rng,
@@ -76,6 +103,7 @@ bool sim_thing_begin(struct builder *b, struct dio_sim_scene *scene, struct rng 
 struct prim *sim_add_turned(struct builder *b, enum shape shape, struct v3 centre, struct v3 half,
 			    float extra, struct rotation turn, const struct material *material)
 {
+	struct v3 lo, hi;
 	struct prim *p;
 
 	if (b->scene->prim_count >= SIM_MAX_PRIMS)
@@ -87,7 +115,10 @@ struct prim *sim_add_turned(struct builder *b, enum shape shape, struct v3 centr
 	p->extra = extra;
 	p->rot = compose(&b->turn, &turn);
 	p->material = *material;
+	p->reach = reach_of(p);
 	p->bound = bound_of(p);
+	world_box(p, &lo, &hi);
+	p->top = hi.z;
 	return p;
 }
 
@@ -101,29 +132,33 @@ void sim_thing_end(struct builder *b, bool casts_ambient)
 {
 	struct dio_sim_scene *s = b->scene;
 	uint32_t count = s->prim_count - b->first, i = s->thing_count;
-	struct v3 mid = v3(0, 0, 0);
-	float weight = 0, radius = 0, volume = 0;
+	struct v3 lo = v3(SIM_HUGE, SIM_HUGE, SIM_HUGE), hi = v3_scale(lo, -1), side;
+	float ball;
 
 	if (!count)
 		return;
 	for (uint32_t k = b->first; k < s->prim_count; k++) {
-		mid = v3_mad(mid, s->prim[k].centre, s->prim[k].bound);
-		weight += s->prim[k].bound;
-	}
-	mid = v3_scale(mid, 1 / weight);
-	for (uint32_t k = b->first; k < s->prim_count; k++) {
-		struct v3 d = v3_sub(s->prim[k].centre, mid);
+		struct v3 a, c;
 
-		radius = maxf(radius, sqrtf(v3_dot(d, d)) + s->prim[k].bound);
-		volume = maxf(volume, s->prim[k].bound);
+		world_box(&s->prim[k], &a, &c);
+		lo = v3(minf(lo.x, a.x), minf(lo.y, a.y), minf(lo.z, a.z));
+		hi = v3(maxf(hi.x, c.x), maxf(hi.y, c.y), maxf(hi.z, c.z));
 	}
+	side = v3_sub(hi, lo);
 	s->thing[i].first = b->first;
 	s->thing[i].count = count;
-	s->bound_x[i] = mid.x;
-	s->bound_y[i] = mid.y;
-	s->bound_z[i] = mid.z;
-	s->bound_r[i] = radius;
-	/* Shapes fill roughly this much of their bounding sphere. */
-	s->occluder_r[i] = casts_ambient ? 0.62f * mixf(radius, volume, 0.5f) : 0;
+	s->lo_x[i] = lo.x;
+	s->lo_y[i] = lo.y;
+	s->lo_z[i] = lo.z;
+	s->hi_x[i] = hi.x;
+	s->hi_y[i] = hi.y;
+	s->hi_z[i] = hi.z;
+	s->mid_x[i] = 0.5f * (lo.x + hi.x);
+	s->mid_y[i] = 0.5f * (lo.y + hi.y);
+	s->mid_z[i] = 0.5f * (lo.z + hi.z);
+	s->radius[i] = 0.5f * sqrtf(v3_dot(side, side));
+	/* A ball between the largest inside the box and the sphere around it. */
+	ball = 0.25f * minf(side.x, minf(side.y, side.z)) + 0.3f * s->radius[i];
+	s->occluder2[i] = casts_ambient ? ball * ball : 0;
 	s->thing_count++;
 }

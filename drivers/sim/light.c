@@ -37,7 +37,7 @@ static void add_lamp(struct dio_sim_scene *s, struct rng *r, float power, float 
 void sim_lights_indoor(struct dio_sim_scene *s, struct rng *r)
 {
 	float share = rng_in(r, 0.25f, 0.75f), ambient = 0.85f * share, rest = 0.95f * (1 - share);
-	uint32_t lamps = 1 + rng_below(r, 3);
+	uint32_t lamps = rng_chance(r, 0.55f) ? 1 : rng_chance(r, 0.7f) ? 2 : 3;
 	struct v3 tint = warm_or_cool(r, 0.1f);
 
 	s->ambient_up = v3_scale(tint, ambient);

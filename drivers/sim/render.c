@@ -2,12 +2,18 @@
 #include "render.h"
 
 #include <stdlib.h>
-#include <string.h>
 
 #include "lens.h"
 #include "shade.h"
 
 enum { TILE = 8 };
+
+/* Rectangle of pixels, x1 and y1 excluded. */
+struct tile {
+	uint32_t x0, y0, x1, y1;
+	struct prim_set met;	   /* what its rays may meet */
+	struct neighbourhood near; /* what may shade what they meet */
+};
 
 /* What all pixels of one picture share. */
 struct picture {
@@ -15,34 +21,34 @@ struct picture {
 	const struct dio_sim_camera *camera;
 	uint32_t samples;
 	float pixel_angle;
-	float *rgb;   /* [height][width][3] linear */
-	uint16_t *id; /* [height][width] surface seen by the centre ray */
+	float *rgb;	   /* [height][width][3] linear */
+	uint16_t *surface; /* [height][width] what the centre ray met, see trace.h */
+	uint8_t *refine;   /* [height][width] REFINE_ bits */
+	struct neighbourhood anywhere;
+	struct tile *tiles;
+	size_t tile_count;
 };
 
-/* Things that a tile may show: those whose bounding sphere meets the cone around it. */
-static uint64_t tile_things(const struct picture *p, uint32_t x0, uint32_t y0, uint32_t x1,
-			    uint32_t y1)
+/* What a tile may show: all that the cone around it touches. */
+static struct prim_set tile_prims(const struct picture *p, const struct tile *t)
 {
 	const struct dio_sim_camera *cam = p->camera;
-	struct lens_point mid = lens_at(cam, 0.5 * (x0 + x1 - 1.0), 0.5 * (y0 + y1 - 1.0));
+	struct lens_point mid =
+		lens_at(cam, 0.5 * (t->x0 + t->x1 - 1.0), 0.5 * (t->y0 + t->y1 - 1.0));
 	struct ray axis = lens_ray(cam, mid.x, mid.y);
-	float widest = 1;
+	struct beam cone;
+	float widest = 1, slope;
 
 	for (int i = 0; i < 4; i++) {
-		struct lens_point q =
-			lens_at(cam, i & 1 ? x1 - 0.5 : x0 - 0.5, i & 2 ? y1 - 0.5 : y0 - 0.5);
-		float c = v3_dot(axis.along, lens_ray(cam, q.x, q.y).along);
+		struct lens_point q = lens_at(cam, i & 1 ? t->x1 - 0.5 : t->x0 - 0.5,
+					      i & 2 ? t->y1 - 0.5 : t->y0 - 0.5);
 
-		widest = minf(widest, c);
+		widest = minf(widest, v3_dot(axis.along, lens_ray(cam, q.x, q.y).along));
 	}
 	/* A tenth more for the bend of a distorted edge. */
-	return things_touched(p->scene, axis.from, axis.along, SIM_FAR,
-			      1.1f * sqrtf(maxf(1 - widest * widest, 0)) / maxf(widest, 0.1f));
-}
-
-static uint32_t dither_of(uint32_t x, uint32_t y)
-{
-	return (x & 1) | (y & 1) << 1;
+	slope = 1.1f * sqrtf(maxf(1 - widest * widest, 0)) / maxf(widest, 0.1f) + 1e-4f;
+	cone = beam_of(axis.from, axis.along, SIM_FAR, 0, slope);
+	return set_of_beam(p->scene, &cone);
 }
 
 static void store(float *to, struct v3 c)
@@ -52,29 +58,67 @@ static void store(float *to, struct v3 c)
 	to[2] = c.z;
 }
 
-static void first_pass(const struct picture *p, uint32_t x0, uint32_t y0, uint32_t x1, uint32_t y1)
+/* Region that holds the points met, a little generous for rays beside the centres'. */
+static struct neighbourhood tile_neighbourhood(const struct picture *p,
+					       const struct scene_hit *hits, uint32_t count)
 {
-	uint64_t mask = tile_things(p, x0, y0, x1, y1);
+	struct v3 lo = v3(SIM_FAR, SIM_FAR, SIM_FAR), hi = v3_scale(lo, -1), room;
 
-	for (uint32_t y = y0; y < y1; y++) {
-		for (uint32_t x = x0; x < x1; x++) {
-			size_t i = (size_t)y * p->camera->width + x;
+	for (uint32_t i = 0; i < count; i++) {
+		struct v3 q = hits[i].point;
+
+		if (!hits[i].material)
+			continue;
+		lo = v3(minf(lo.x, q.x), minf(lo.y, q.y), minf(lo.z, q.z));
+		hi = v3(maxf(hi.x, q.x), maxf(hi.y, q.y), maxf(hi.z, q.z));
+	}
+	if (lo.x > hi.x) /* nothing but sky */
+		lo = hi = v3(0, 0, 0);
+	room = v3_scale(v3_sub(hi, lo), 0.1f);
+	room = v3_add(room, v3(1e-4f, 1e-4f, 1e-4f));
+	return neighbourhood_of(p->scene, v3_sub(lo, room), v3_add(hi, room));
+}
+
+/* One ray through the centre of every pixel of a tile. */
+static void first_pass(const struct picture *p, struct tile *t)
+{
+	struct scene_hit hits[TILE * TILE];
+	struct ray rays[TILE * TILE];
+	uint32_t n = 0;
+
+	t->met = tile_prims(p, t);
+	for (uint32_t y = t->y0; y < t->y1; y++) {
+		for (uint32_t x = t->x0; x < t->x1; x++, n++) {
 			struct lens_point q = lens_at(p->camera, x, y);
-			struct ray r = lens_ray(p->camera, q.x, q.y);
-			uint32_t id;
 
-			store(p->rgb + 3 * i, trace_light(p->scene, &r, mask, p->pixel_angle,
-							  dither_of(x, y), &id));
-			p->id[i] = (uint16_t)id;
+			rays[n] = lens_ray(p->camera, q.x, q.y);
+			trace_nearest(p->scene, &rays[n], &t->met, &hits[n]);
+		}
+	}
+	t->near = tile_neighbourhood(p, hits, n);
+	n = 0;
+	for (uint32_t y = t->y0; y < t->y1; y++) {
+		for (uint32_t x = t->x0; x < t->x1; x++, n++) {
+			size_t i = (size_t)y * p->camera->width + x;
+
+			store(p->rgb + 3 * i, light_from(p->scene, &rays[n], &hits[n],
+							 p->pixel_angle, SIM_WHOLE_LAMP, &t->near));
+			p->surface[i] = (uint16_t)hits[n].id;
 		}
 	}
 }
 
-/* Steps that the eye or a corner detector would notice, judged on the encoded curve. */
+/* Why one ray is not enough for a pixel. */
+enum {
+	REFINE_OUTLINE = 1, /* a neighbour shows another surface */
+	REFINE_INSIDE = 2,  /* the same surface changes: a shadow's edge, print */
+};
+
+/* A step that the eye or a corner detector would notice. */
 static bool differs(const float *a, const float *b)
 {
-	for (int k = 0; k < 3; k++) {
-		float u = minf(a[k], 1), v = minf(b[k], 1);
+	for (int c = 0; c < 3; c++) {
+		float u = minf(a[c], 1), v = minf(b[c], 1);
 
 		if (absf(u - v) > 0.03f + 0.12f * maxf(u, v))
 			return true;
@@ -82,64 +126,117 @@ static bool differs(const float *a, const float *b)
 	return false;
 }
 
-static bool needs_more(const struct picture *p, uint32_t x, uint32_t y)
+/* Mark the pixels that differ from one of their eight neighbours. */
+static void mark_steps(const struct picture *p)
 {
 	uint32_t w = p->camera->width, h = p->camera->height;
-	uint32_t left = x > 0 ? x - 1 : x, right = x + 1 < w ? x + 1 : x;
-	uint32_t up = y > 0 ? y - 1 : y, down = y + 1 < h ? y + 1 : y;
-	size_t i = (size_t)y * w + x;
 
-	for (uint32_t v = up; v <= down; v++) {
-		for (uint32_t u = left; u <= right; u++) {
-			size_t k = (size_t)v * w + u;
+	for (uint32_t y = 0; y < h; y++) {
+		for (uint32_t x = 0; x < w; x++) {
+			size_t i = (size_t)y * w + x;
+			/* Half of the neighbours; the others look at this pixel themselves. */
+			const size_t next[4] = {i + 1, i + w - 1, i + w, i + w + 1};
+			const bool there[4] = {x + 1 < w, y + 1 < h && x > 0, y + 1 < h,
+					       y + 1 < h && x + 1 < w};
 
-			if (p->id[k] != p->id[i] || differs(p->rgb + 3 * k, p->rgb + 3 * i))
-				return true;
+			for (int k = 0; k < 4; k++) {
+				size_t j = next[k];
+				uint8_t why = 0;
+
+				if (!there[k])
+					continue;
+				if (p->surface[i] != p->surface[j])
+					why = REFINE_OUTLINE;
+				else if (differs(p->rgb + 3 * i, p->rgb + 3 * j))
+					why = REFINE_INSIDE;
+				p->refine[i] |= why;
+				p->refine[j] |= why;
+			}
 		}
 	}
-	return false;
+}
+
+/* Colours of the surfaces that a pixel on an outline shows; each is worked out once. */
+enum { PALETTE_SIZE = 4 };
+
+struct palette {
+	uint32_t count;
+	uint16_t surface[PALETTE_SIZE];
+	struct v3 colour[PALETTE_SIZE];
+};
+
+static struct v3 sample_light(const struct picture *p, const struct tile *t, const struct ray *r,
+			      uint32_t place, struct palette *known)
+{
+	const struct neighbourhood *near = &t->near;
+	struct scene_hit hit;
+	struct v3 c;
+
+	trace_nearest(p->scene, r, &t->met, &hit);
+	for (uint32_t i = 0; known && i < known->count; i++)
+		if (known->surface[i] == (uint16_t)hit.id)
+			return known->colour[i];
+	if (hit.material && !neighbourhood_holds(near, hit.point))
+		near = &p->anywhere;
+	c = light_from(p->scene, r, &hit, p->pixel_angle / (float)p->samples, place, near);
+	/* A glint must not outweigh the rest of the pixel: the sensor clips later. */
+	c = v3(minf(c.x, 2), minf(c.y, 2), minf(c.z, 2));
+	if (known && known->count < PALETTE_SIZE) {
+		known->surface[known->count] = (uint16_t)hit.id;
+		known->colour[known->count++] = c;
+	}
+	return c;
 }
 
 /* Mean over a grid of samples x samples rays. */
-static struct v3 sample_pixel(const struct picture *p, uint32_t x, uint32_t y, uint64_t mask)
+static struct v3 sample_pixel(const struct picture *p, const struct tile *t, uint32_t x, uint32_t y)
 {
 	struct lens_point q = lens_at(p->camera, x, y);
-	uint32_t n = p->samples;
+	size_t i = (size_t)y * p->camera->width + x;
+	bool outline_only = p->refine[i] == REFINE_OUTLINE;
+	/* Neighbours start at another place of the lamps, so that steps do not line up. */
+	uint32_t n = p->samples, start = x + 2 * y;
 	struct v3 sum = v3(0, 0, 0);
+	struct palette known;
 
+	known.count = 1;
+	known.surface[0] = p->surface[i];
+	known.colour[0] =
+		v3(minf(p->rgb[3 * i], 2), minf(p->rgb[3 * i + 1], 2), minf(p->rgb[3 * i + 2], 2));
 	for (uint32_t k = 0; k < n * n; k++) {
 		double du = (k % n + 0.5) / n - 0.5, dv = (k / n + 0.5) / n - 0.5;
 		struct ray r = lens_ray(p->camera, q.x + q.dx_du * du + q.dx_dv * dv,
 					q.y + q.dy_du * du + q.dy_dv * dv);
-		uint32_t id;
-		struct v3 c = trace_light(p->scene, &r, mask, p->pixel_angle / (float)n,
-					  dither_of(x, y) ^ (k & 3), &id);
+		uint32_t place = outline_only ? SIM_WHOLE_LAMP : (start + k) % SIM_LAMP_PLACES;
 
-		/* A glint must not outweigh the rest of the pixel: the sensor clips later. */
-		sum = v3_add(sum, v3(minf(c.x, 2), minf(c.y, 2), minf(c.z, 2)));
+		sum = v3_add(sum, sample_light(p, t, &r, place, outline_only ? &known : NULL));
 	}
 	return v3_scale(sum, 1 / (float)(n * n));
 }
 
-/* Refined colours go to `fine` so that every decision sees first-pass neighbours only. */
-static void second_pass(const struct picture *p, float *fine)
+static void second_pass(const struct picture *p, const struct tile *t)
+{
+	for (uint32_t y = t->y0; y < t->y1; y++) {
+		for (uint32_t x = t->x0; x < t->x1; x++) {
+			size_t i = (size_t)y * p->camera->width + x;
+
+			if (p->refine[i])
+				store(p->rgb + 3 * i, sample_pixel(p, t, x, y));
+		}
+	}
+}
+
+static void cut_tiles(struct picture *p)
 {
 	uint32_t w = p->camera->width, h = p->camera->height;
+	struct tile *t = p->tiles;
 
-	for (uint32_t y0 = 0; y0 < h; y0 += TILE) {
-		for (uint32_t x0 = 0; x0 < w; x0 += TILE) {
-			uint32_t x1 = x0 + TILE < w ? x0 + TILE : w;
-			uint32_t y1 = y0 + TILE < h ? y0 + TILE : h;
-			uint64_t mask = tile_things(p, x0, y0, x1, y1);
-
-			for (uint32_t y = y0; y < y1; y++) {
-				for (uint32_t x = x0; x < x1; x++) {
-					size_t i = (size_t)y * w + x;
-
-					if (needs_more(p, x, y))
-						store(fine + 3 * i, sample_pixel(p, x, y, mask));
-				}
-			}
+	for (uint32_t y = 0; y < h; y += TILE) {
+		for (uint32_t x = 0; x < w; x += TILE, t++) {
+			t->x0 = x;
+			t->y0 = y;
+			t->x1 = x + TILE < w ? x + TILE : w;
+			t->y1 = y + TILE < h ? y + TILE : h;
 		}
 	}
 }
@@ -147,31 +244,35 @@ static void second_pass(const struct picture *p, float *fine)
 bool sim_render_linear(const struct dio_sim_scene *scene, const struct dio_sim_camera *camera,
 		       uint32_t samples, float *rgb)
 {
-	uint32_t w = camera->width, h = camera->height;
-	size_t pixels = (size_t)w * h;
+	size_t across = (camera->width + TILE - 1) / TILE,
+	       down = (camera->height + TILE - 1) / TILE;
+	size_t pixels = (size_t)camera->width * camera->height;
 	struct picture p;
+	bool ok;
 
 	p.scene = scene;
 	p.camera = camera;
 	p.samples = samples < 1 ? 1 : samples > 8 ? 8 : samples;
 	p.pixel_angle = (float)(1 / camera->fx);
-	p.rgb = p.samples > 1 ? malloc(pixels * 3 * sizeof(float)) : rgb;
-	p.id = malloc(pixels * sizeof(uint16_t));
-	if (!p.rgb || !p.id) {
-		if (p.rgb != rgb)
-			free(p.rgb);
-		free(p.id);
-		return false;
+	p.rgb = rgb;
+	p.anywhere = neighbourhood_anywhere(scene);
+	p.tile_count = across * down;
+	p.tiles = calloc(p.tile_count, sizeof(*p.tiles));
+	p.surface = malloc(pixels * sizeof(*p.surface));
+	p.refine = calloc(pixels, sizeof(*p.refine));
+	ok = p.tiles && p.surface && p.refine;
+	if (ok) {
+		cut_tiles(&p);
+		for (size_t i = 0; i < p.tile_count; i++)
+			first_pass(&p, &p.tiles[i]);
+		if (p.samples > 1) {
+			mark_steps(&p);
+			for (size_t i = 0; i < p.tile_count; i++)
+				second_pass(&p, &p.tiles[i]);
+		}
 	}
-	for (uint32_t y = 0; y < h; y += TILE)
-		for (uint32_t x = 0; x < w; x += TILE)
-			first_pass(&p, x, y, x + TILE < w ? x + TILE : w,
-				   y + TILE < h ? y + TILE : h);
-	if (p.rgb != rgb) {
-		memcpy(rgb, p.rgb, pixels * 3 * sizeof(float));
-		second_pass(&p, rgb);
-		free(p.rgb);
-	}
-	free(p.id);
-	return true;
+	free(p.tiles);
+	free(p.surface);
+	free(p.refine);
+	return ok;
 }

@@ -122,11 +122,9 @@ static bool stands_free(const struct dio_sim_scene *s, struct v3 at, float room)
 	     at.z < s->room_lo.z + room || at.z > s->room_hi.z - room))
 		return false;
 	for (uint32_t i = 0; i < s->thing_count; i++) {
-		float x = at.x - s->bound_x[i], y = at.y - s->bound_y[i], z = at.z - s->bound_z[i];
-		float apart = s->bound_r[i] + room;
-
-		/* Large flat things (occluder 0) have bounds far beyond themselves. */
-		if (s->occluder_r[i] > 0 && x * x + y * y + z * z < apart * apart)
+		if (at.x > s->lo_x[i] - room && at.x < s->hi_x[i] + room &&
+		    at.y > s->lo_y[i] - room && at.y < s->hi_y[i] + room &&
+		    at.z > s->lo_z[i] - room && at.z < s->hi_z[i] + room)
 			return false;
 	}
 	return true;

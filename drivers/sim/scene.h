@@ -62,7 +62,9 @@ struct prim {
 	enum shape shape;
 	struct v3 centre, half;
 	float extra;
-	float bound; /* radius of the bounding sphere about `centre` */
+	float bound;	 /* radius of the bounding sphere about `centre` */
+	struct v3 reach; /* half sides of the bounding box in its own frame */
+	float top;	 /* highest z in the world */
 	struct rotation rot;
 	struct material material;
 };
@@ -110,10 +112,13 @@ struct dio_sim_scene {
 	struct prim prim[SIM_MAX_PRIMS];
 	struct thing thing[SIM_MAX_THINGS];
 
-	/* Bounding spheres as arrays, for loops that test all things at once. */
-	float bound_x[SIM_MAX_THINGS], bound_y[SIM_MAX_THINGS], bound_z[SIM_MAX_THINGS];
-	float bound_r[SIM_MAX_THINGS];
-	float occluder_r[SIM_MAX_THINGS]; /* ball of equal shade for ambient occlusion */
+	/* Bounds of the things as arrays, for loops that test all at once: a box along the axes,
+	 * its centre and the radius of its sphere. */
+	float lo_x[SIM_MAX_THINGS], lo_y[SIM_MAX_THINGS], lo_z[SIM_MAX_THINGS];
+	float hi_x[SIM_MAX_THINGS], hi_y[SIM_MAX_THINGS], hi_z[SIM_MAX_THINGS];
+	float mid_x[SIM_MAX_THINGS], mid_y[SIM_MAX_THINGS], mid_z[SIM_MAX_THINGS];
+	float radius[SIM_MAX_THINGS];
+	float occluder2[SIM_MAX_THINGS]; /* squared radius of the ball that shades as much */
 
 	/* What a camera should look at. */
 	struct v3 focus;

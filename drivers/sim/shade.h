@@ -61,49 +61,142 @@ DIO_SIM_FN struct finish surface_finish(const struct dio_sim_scene *s, const str
 	return f;
 }
 
+/* What may shade the points of a small region: found once for a tile, used by its pixels. */
+struct neighbourhood {
+	struct v3 lo, hi;		      /* the region */
+	uint64_t ambient;		      /* things near enough to keep ambient light off */
+	struct prim_set lamp[SIM_MAX_LIGHTS]; /* what may stand before each lamp */
+};
+
+/* A ball's shade ends where it would keep off less than this share of the light. */
+#define SIM_FAINT_SHADE 0.01f
+
+DIO_SIM_FN struct neighbourhood neighbourhood_of(const struct dio_sim_scene *s, struct v3 lo,
+						 struct v3 hi)
+{
+	struct v3 mid = v3_scale(v3_add(lo, hi), 0.5f), half = v3_sub(hi, mid);
+	float breadth = 1.01f * sqrtf(v3_dot(half, half)) + 1e-4f;
+	struct neighbourhood n;
+
+	n.lo = lo;
+	n.hi = hi;
+	n.ambient = 0;
+	for (uint32_t i = 0; i < s->thing_count; i++) {
+		float x = s->mid_x[i] - mid.x, y = s->mid_y[i] - mid.y, z = s->mid_z[i] - mid.z;
+		float apart = maxf(sqrtf(x * x + y * y + z * z) - breadth, 0);
+
+		if (s->occluder2[i] > SIM_FAINT_SHADE * apart * apart && s->occluder2[i] > 0)
+			n.ambient |= 1ull << i;
+	}
+	for (uint32_t i = 0; i < s->light_count; i++) {
+		const struct light *l = &s->light[i];
+		struct v3 v = l->directional ? l->at : v3_sub(l->at, mid);
+		float far = sqrtf(v3_dot(v, v));
+		struct beam beam;
+
+		if (l->directional)
+			beam = beam_of(mid, l->at, SIM_FAR, breadth, l->size);
+		else
+			beam = beam_of(mid, v3_scale(v, 1 / far), far, breadth, l->size / far);
+		/* Rays to a lamp nearby are not parallel: the hull of region and lamp is as wide as
+		 * the wider of the two, which breadth + slope covers, but it may dip. */
+		if (!l->directional && v.z < 2 * breadth)
+			beam.floor_z = -SIM_FAR;
+		n.lamp[i] = set_of_beam(s, &beam);
+	}
+	return n;
+}
+
+DIO_SIM_FN struct neighbourhood neighbourhood_anywhere(const struct dio_sim_scene *s)
+{
+	struct neighbourhood n;
+
+	n.lo = v3(-SIM_FAR, -SIM_FAR, -SIM_FAR);
+	n.hi = v3(SIM_FAR, SIM_FAR, SIM_FAR);
+	n.ambient = s->thing_count ? ~0ull >> (64 - s->thing_count) : 0;
+	for (uint32_t i = 0; i < SIM_MAX_LIGHTS; i++)
+		n.lamp[i] = set_of_all(s);
+	return n;
+}
+
+DIO_SIM_FN bool neighbourhood_holds(const struct neighbourhood *n, struct v3 p)
+{
+	return p.x >= n->lo.x && p.y >= n->lo.y && p.z >= n->lo.z && p.x <= n->hi.x &&
+	       p.y <= n->hi.y && p.z <= n->hi.z;
+}
+
 /* Share of the sky that the things around leave open: each counts as a ball (Quilez, "sphere
  * ambient occlusion": cosine times the ball's share of the hemisphere). */
-DIO_SIM_FN float ambient_open(const struct dio_sim_scene *s, struct v3 p, struct v3 n)
+DIO_SIM_FN float ambient_open(const struct dio_sim_scene *s, struct v3 p, struct v3 n,
+			      uint64_t mask)
 {
 	float open = 1;
 
-	for (uint32_t i = 0; i < s->thing_count; i++) {
-		struct v3 v = v3(s->bound_x[i] - p.x, s->bound_y[i] - p.y, s->bound_z[i] - p.z);
-		float dd = v3_dot(v, v) + 1e-9f, r = s->occluder_r[i], rr = r * r;
-		float cosine = v3_dot(n, v) / sqrtf(dd);
+	for (uint32_t i = 0; mask >> i; i++) {
+		float x = s->mid_x[i] - p.x, y = s->mid_y[i] - p.y, z = s->mid_z[i] - p.z;
+		float dd = x * x + y * y + z * z + 1e-9f, toward = n.x * x + n.y * y + n.z * z;
+		float share = minf(s->occluder2[i] / dd, 1) - SIM_FAINT_SHADE;
 
-		open *= 1 - 0.8f * saturate(cosine) * minf(rr / dd, 1);
+		if (mask >> i & 1 && toward > 0 && share > 0)
+			open *= 1 - 0.8f * share * minf(toward / sqrtf(dd), 1);
 	}
 	return open;
 }
 
-/* Share of the lamp seen. The places on its disc turn from pixel to pixel in a 2 x 2 pattern. */
-DIO_SIM_FN float lamp_seen(const struct dio_sim_scene *s, struct v3 from, struct v3 to, float limit,
-			   float size, uint32_t dither, bool rough)
-{
-	static const float place_x[8] = {0.35f, -0.71f, 0.35f, -0.21f, -0.43f, 0.84f, -0.16f, 0.1f};
-	static const float place_y[8] = {0.1f, 0.43f, -0.84f, -0.35f, 0.22f, 0.38f, 0.92f, 0.5f};
-	uint64_t mask = things_touched(s, from, to, limit, size);
-	struct ray r;
-	struct v3 u, v;
-	uint32_t seen = 0;
+enum {
+	SIM_LAMP_PLACES = 6,
+	/* Which ray of a pixel asks: `place` values for those that ask about one point of the lamp
+	 * are 0..; these ask about all of it, or its centre. */
+	SIM_WHOLE_LAMP = 254,
+	SIM_LAMP_CENTRE = 255,
+};
 
-	if (!mask)
-		return 1;
+DIO_SIM_FN bool lamp_place_seen(const struct dio_sim_scene *s, struct v3 from, struct v3 to,
+				struct v3 u, struct v3 v, float limit, float size, uint32_t place,
+				const struct prim_set *set)
+{
+	/* Three around the rim, then three nearer the middle between them. */
+	const float place_x[SIM_LAMP_PLACES] = {0.0f, 0.736f, -0.736f, 0.0f, 0.346f, -0.346f};
+	const float place_y[SIM_LAMP_PLACES] = {0.85f, -0.425f, -0.425f, -0.4f, 0.2f, 0.2f};
+	struct ray r;
+
 	r.from = from;
-	r.along = to;
-	if (rough || size < 0.004f)
-		return trace_blocked(s, &r, mask, limit) ? 0 : 1;
+	r.along = v3_unit(v3_mad(v3_mad(to, u, size * place_x[place]), v, size * place_y[place]));
+	return !trace_blocked(s, &r, set, limit);
+}
+
+/* Share of the lamp seen from a point. A pixel of one ray asks about three places, and three more
+ * where these disagree; of several rays each asks about one. */
+DIO_SIM_FN float lamp_seen(const struct dio_sim_scene *s, struct v3 from, struct v3 to, float limit,
+			   float size, uint32_t place, const struct prim_set *before)
+{
+	bool sharp = size < 0.004f || place == SIM_LAMP_CENTRE;
+	struct beam beam = beam_of(from, to, limit, 0, sharp ? 0 : size);
+	struct prim_set set = *before;
+	uint32_t seen = 0;
+	struct v3 u, v;
+
+	/* One ray is quicker than looking for what it may meet. */
+	if (!sharp && place == SIM_WHOLE_LAMP)
+		set = set_within_beam(s, before, &beam);
+	if (set_is_empty(&set))
+		return 1;
 	u = v3_unit(v3_cross(to, absf(to.z) < 0.9f ? v3(0, 0, 1) : v3(1, 0, 0)));
 	v = v3_cross(to, u);
-	for (uint32_t i = 0; i < 4; i++) {
-		uint32_t k = (2 * i + (dither & 1)) & 7;
-		float x = size * place_x[k], y = size * (dither & 2 ? -place_y[k] : place_y[k]);
-
-		r.along = v3_unit(v3_mad(v3_mad(to, u, x), v, y));
-		seen += !trace_blocked(s, &r, mask, limit);
-	}
-	return 0.25f * (float)seen;
+	if (sharp)
+		return lamp_place_seen(s, from, to, u, v, limit, 0, 0, &set) ? 1 : 0;
+	if (place < SIM_WHOLE_LAMP)
+		return lamp_place_seen(s, from, to, u, v, limit, size, place % SIM_LAMP_PLACES,
+				       &set)
+			       ? 1
+			       : 0;
+	for (uint32_t i = 0; i < 3; i++)
+		seen += lamp_place_seen(s, from, to, u, v, limit, size, i, &set);
+	if (seen == 0 || seen == 3)
+		return seen ? 1 : 0;
+	for (uint32_t i = 3; i < SIM_LAMP_PLACES; i++)
+		seen += lamp_place_seen(s, from, to, u, v, limit, size, i, &set);
+	return (float)seen / SIM_LAMP_PLACES;
 }
 
 DIO_SIM_FN float highlight(struct v3 n, struct v3 half, const struct finish *f)
@@ -115,15 +208,15 @@ DIO_SIM_FN float highlight(struct v3 n, struct v3 half, const struct finish *f)
 	return f->specular * h * ((float)(1u << f->gloss_log2) + 8) * 0.08f;
 }
 
-/* `rough`: as seen in a mirror, hard shadows are good enough. */
+/* `place`: what to ask of the lamps, see lamp_seen(). */
 DIO_SIM_FN struct v3 shade_surface(const struct dio_sim_scene *s, const struct ray *r,
 				   const struct scene_hit *hit, const struct finish *f,
-				   uint32_t dither, bool rough)
+				   uint32_t place, const struct neighbourhood *near)
 {
 	struct v3 p = v3_mad(hit->point, hit->normal, 1e-4f + 1e-4f * hit->t), n = hit->normal, sum;
 
 	sum = v3_mix(s->ambient_down, s->ambient_up, 0.5f + 0.5f * n.z);
-	sum = v3_mul(v3_scale(sum, ambient_open(s, hit->point, n)), f->albedo);
+	sum = v3_mul(v3_scale(sum, ambient_open(s, hit->point, n, near->ambient)), f->albedo);
 	for (uint32_t i = 0; i < s->light_count; i++) {
 		const struct light *light = &s->light[i];
 		struct v3 to = light->at;
@@ -141,7 +234,7 @@ DIO_SIM_FN struct v3 shade_surface(const struct dio_sim_scene *s, const struct r
 		cosine = v3_dot(n, to);
 		if (cosine <= 0)
 			continue;
-		power *= lamp_seen(s, p, to, limit, size, dither, rough);
+		power *= lamp_seen(s, p, to, limit, size, place, &near->lamp[i]);
 		if (power > 0) {
 			struct v3 half = v3_unit(v3_sub(to, r->along));
 			float shine = f->specular > 0 ? highlight(n, half, f) : 0;
@@ -166,19 +259,24 @@ DIO_SIM_FN float footprint(const struct ray *r, const struct scene_hit *hit, flo
 DIO_SIM_FN struct v3 mirrored(const struct dio_sim_scene *s, const struct ray *r,
 			      const struct scene_hit *hit, float pixel_angle)
 {
+	struct neighbourhood anywhere = neighbourhood_anywhere(s);
 	struct scene_hit far;
 	struct finish f;
+	struct prim_set met;
+	struct beam beam;
 	struct ray m;
 
 	m.along = v3_mad(r->along, hit->normal, -2 * v3_dot(r->along, hit->normal));
 	m.from = v3_mad(hit->point, hit->normal, 1e-4f + 1e-4f * hit->t);
-	trace_nearest(s, &m, things_touched(s, m.from, m.along, SIM_FAR, 0), &far);
+	beam = beam_of(m.from, m.along, SIM_FAR, 0, 0);
+	met = set_of_beam(s, &beam);
+	trace_nearest(s, &m, &met, &far);
 	if (!far.material)
 		return sky_colour(s, m.along);
 	/* The mirror may be curved, so what it shows is filtered more. */
 	far.place.width = 3 * pixel_angle * (hit->t + far.t);
 	f = surface_finish(s, &far, far.place.width);
-	return shade_surface(s, &m, &far, &f, 0, true);
+	return shade_surface(s, &m, &far, &f, SIM_LAMP_CENTRE, &anywhere);
 }
 
 DIO_SIM_FN struct v3 fade_to_horizon(const struct dio_sim_scene *s, const struct ray *r,
@@ -192,35 +290,33 @@ DIO_SIM_FN struct v3 fade_to_horizon(const struct dio_sim_scene *s, const struct
 	return v3_mix(c, sky_colour(s, v3(r->along.x, r->along.y, 0)), far / (1 + far));
 }
 
-/* Light arriving along a ray; `mask`: things it may meet; `pixel_angle`: its spread. */
-DIO_SIM_FN struct v3 trace_light(const struct dio_sim_scene *s, const struct ray *r, uint64_t mask,
-				 float pixel_angle, uint32_t dither, uint32_t *id)
+/* Light arriving along a ray from what it hit; `pixel_angle` is the ray's spread. */
+DIO_SIM_FN struct v3 light_from(const struct dio_sim_scene *s, const struct ray *r,
+				struct scene_hit *hit, float pixel_angle, uint32_t place,
+				const struct neighbourhood *near)
 {
-	struct scene_hit hit;
 	struct finish f;
 	struct v3 c;
 
-	trace_nearest(s, r, mask, &hit);
-	*id = hit.id;
-	if (!hit.material)
+	if (!hit->material)
 		return sky_colour(s, r->along);
-	hit.place.width = footprint(r, &hit, pixel_angle);
-	f = surface_finish(s, &hit, pixel_angle * hit.t);
-	c = shade_surface(s, r, &hit, &f, dither, false);
+	hit->place.width = footprint(r, hit, pixel_angle);
+	f = surface_finish(s, hit, pixel_angle * hit->t);
+	c = shade_surface(s, r, hit, &f, place, near);
 	if (f.specular > 0) {
-		float away = 1 - saturate(-v3_dot(r->along, hit.normal)), a2 = away * away;
+		float away = 1 - saturate(-v3_dot(r->along, hit->normal)), a2 = away * away;
 		float fresnel =
 			f.specular + (1 - f.specular) * a2 * a2 * away * (float)f.gloss_log2 * 0.1f;
 		struct v3 shown;
 
 		if (f.reflects)
-			shown = mirrored(s, r, &hit, pixel_angle);
+			shown = mirrored(s, r, hit, pixel_angle);
 		else
 			shown = v3_mix(s->ambient_down, s->ambient_up,
-				       saturate(0.5f + hit.normal.z));
+				       saturate(0.5f + hit->normal.z));
 		c = v3_mix(c, shown, minf(fresnel, 1));
 	}
-	return fade_to_horizon(s, r, &hit, c);
+	return fade_to_horizon(s, r, hit, c);
 }
 
 #endif

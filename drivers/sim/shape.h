@@ -1,6 +1,6 @@
 /* Ray against shape. Rays come in the shape's own frame; directions keep their length under the
  * rotation, so a distance along the inner ray is one along the outer.
- * Simple shapes are solved; the others are distance fields walked inside their bounding sphere. */
+ * Simple shapes are solved; the others are distance fields walked inside their bounding box. */
 #ifndef DIO_SIM_SHAPE_H
 #define DIO_SIM_SHAPE_H
 
@@ -180,15 +180,16 @@ DIO_SIM_FN float field_arc(struct v3 p, float ring, float tube, float half_turns
 	return field_torus(p, ring, tube * (1 - 0.45f * saturate(y * y)));
 }
 
-/* Not a true distance: scaled so that a step never crosses the surface. */
+/* Not a true distance: first order from the ellipsoid's own gradient, and cautious. */
 DIO_SIM_FN float field_pebble(struct v3 p, struct v3 half, float depth)
 {
 	struct v3 q = v3(p.x / half.x, p.y / half.y, p.z / half.z);
-	float k = sqrtf(v3_dot(q, q)), smallest = minf(half.x, minf(half.y, half.z));
+	struct v3 g = v3(q.x / half.x, q.y / half.y, q.z / half.z);
+	float k = sqrtf(v3_dot(q, q)), slope = sqrtf(v3_dot(g, g));
 	float bump = sin_turns(q.x * 0.55f + depth) * sin_turns(q.y * 0.6f + 3 * depth) +
 		     0.6f * sin_turns(q.z * 0.7f + q.x * 0.3f);
 
-	return (k - 1 + depth * bump) * smallest * 0.7f;
+	return (k - 1 + depth * bump) * k / (slope + 1e-9f) * (1 - 1.5f * depth);
 }
 
 DIO_SIM_FN float field_carved(struct v3 p, struct v3 half, float radius)
@@ -217,38 +218,32 @@ DIO_SIM_FN float field_of(const struct prim *s, struct v3 p)
 
 DIO_SIM_FN bool hit_field(const struct prim *s, const struct ray *r, struct surface_hit *hit)
 {
-	float b = v3_dot(r->from, r->along);
-	float q = b * b - v3_dot(r->from, r->from) + s->bound * s->bound, t, out, tiny;
-	float e;
+	float nx, ny, nz, fx, fy, fz, t, out, e, d = 0, tiny = s->bound * 1e-3f;
 	struct v3 p;
 
-	if (q <= 0)
-		return false;
-	q = sqrtf(q);
-	t = maxf(-b - q, 0);
-	out = minf(-b + q, hit->t);
-	tiny = s->bound * 1e-3f;
-	for (int step = 0; step < 48 && t < out; step++) {
-		float d = field_of(s, ray_at(r, t));
-
-		if (d < tiny)
+	slab(r->from.x, r->along.x, s->reach.x, &nx, &fx);
+	slab(r->from.y, r->along.y, s->reach.y, &ny, &fy);
+	slab(r->from.z, r->along.z, s->reach.z, &nz, &fz);
+	t = maxf(maxf(nx, 0), maxf(ny, nz));
+	out = minf(minf(fx, hit->t), minf(fy, fz));
+	for (int step = 0; t < out; step++) {
+		d = field_of(s, ray_at(r, t));
+		if (d < tiny || step == 32)
 			break;
-		t += d;
+		t += d + tiny; /* lets rays along the surface go */
 	}
-	if (t >= out || t <= 0)
+	if (t >= out || t <= 0 || d > 4 * tiny)
 		return false;
 	p = ray_at(r, t);
-	if (field_of(s, p) > 4 * tiny)
-		return false;
 	/* Gradient over the corners of a tetrahedron: four values instead of six. */
 	e = s->bound * 2e-3f;
 	{
 		float a = field_of(s, v3(p.x + e, p.y - e, p.z - e));
 		float c = field_of(s, v3(p.x - e, p.y - e, p.z + e));
-		float d = field_of(s, v3(p.x - e, p.y + e, p.z - e));
+		float b = field_of(s, v3(p.x - e, p.y + e, p.z - e));
 		float g = field_of(s, v3(p.x + e, p.y + e, p.z + e));
 
-		hit->normal = v3_unit(v3(a - c - d + g, -a - c + d + g, -a + c - d + g));
+		hit->normal = v3_unit(v3(a - c - b + g, -a - c + b + g, -a + c - b + g));
 	}
 	hit->t = t;
 	return true;

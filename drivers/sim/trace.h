@@ -21,26 +21,119 @@ enum {
 	SIM_ID_PRIM = 8,
 };
 
-/* Things whose bounding sphere a ray from `o` along `d` enters before `limit`; one bit each. */
-DIO_SIM_FN uint64_t things_touched(const struct dio_sim_scene *s, struct v3 o, struct v3 d,
-				   float limit, float widen)
+/* Some of the scene's primitives, one bit each. */
+enum { SIM_SET_WORDS = SIM_MAX_PRIMS / 64 };
+
+struct prim_set {
+	uint64_t word[SIM_SET_WORDS];
+};
+
+DIO_SIM_FN struct prim_set set_of_none(void)
 {
-	float gap[SIM_MAX_THINGS];
-	uint64_t touched = 0;
+	struct prim_set set;
+
+	for (int i = 0; i < SIM_SET_WORDS; i++)
+		set.word[i] = 0;
+	return set;
+}
+
+DIO_SIM_FN struct prim_set set_of_all(const struct dio_sim_scene *s)
+{
+	struct prim_set set = set_of_none();
+
+	for (uint32_t i = 0; i < s->prim_count; i++)
+		set.word[i / 64] |= 1ull << (i % 64);
+	return set;
+}
+
+DIO_SIM_FN bool set_is_empty(const struct prim_set *set)
+{
+	uint64_t any = 0;
+
+	for (int i = 0; i < SIM_SET_WORDS; i++)
+		any |= set->word[i];
+	return !any;
+}
+
+DIO_SIM_FN uint32_t lowest_bit(uint64_t word)
+{
+#ifdef __CUDA_ARCH__
+	return (uint32_t)__ffsll((long long)word) - 1;
+#else
+	return (uint32_t)__builtin_ctzll(word);
+#endif
+}
+
+/* A ray with some breadth: `breadth` at its tip, growing by `slope` along its way. */
+struct beam {
+	struct v3 from, along;
+	float limit, breadth, slope;
+	float floor_z; /* it meets nothing that ends below: see beam_of() */
+};
+
+DIO_SIM_FN struct beam beam_of(struct v3 from, struct v3 along, float limit, float breadth,
+			       float slope)
+{
+	struct beam b;
+
+	b.from = from;
+	b.along = along;
+	b.limit = limit;
+	b.breadth = breadth;
+	b.slope = slope;
+	/* A beam that only rises leaves all that lies below its tip, most often the table. */
+	b.floor_z = along.z > slope ? from.z - breadth : -SIM_FAR;
+	return b;
+}
+
+/* May the beam meet a sphere? Never says no wrongly. */
+DIO_SIM_FN bool beam_meets(const struct beam *b, struct v3 centre, float radius)
+{
+	struct v3 c = v3_sub(centre, b->from);
+	float along = clampf(v3_dot(c, b->along), 0, b->limit);
+	float reach = radius + b->breadth + b->slope * (along + radius);
+
+	c = v3_mad(c, b->along, -along);
+	return v3_dot(c, c) <= reach * reach;
+}
+
+DIO_SIM_FN bool beam_meets_prim(const struct beam *b, const struct prim *p)
+{
+	return p->top >= b->floor_z && beam_meets(b, p->centre, p->bound);
+}
+
+/* All primitives that the beam may meet. */
+DIO_SIM_FN struct prim_set set_of_beam(const struct dio_sim_scene *s, const struct beam *b)
+{
+	struct prim_set set = set_of_none();
 
 	for (uint32_t i = 0; i < s->thing_count; i++) {
-		float x = s->bound_x[i] - o.x, y = s->bound_y[i] - o.y, z = s->bound_z[i] - o.z;
-		float along = x * d.x + y * d.y + z * d.z;
-		float at = clampf(along, 0, limit), r = s->bound_r[i] + widen * at;
+		const struct thing *t = &s->thing[i];
 
-		x -= at * d.x;
-		y -= at * d.y;
-		z -= at * d.z;
-		gap[i] = r * r - (x * x + y * y + z * z);
+		if (!beam_meets(b, v3(s->mid_x[i], s->mid_y[i], s->mid_z[i]), s->radius[i]))
+			continue;
+		for (uint32_t k = t->first; k < t->first + t->count; k++)
+			if (beam_meets_prim(b, &s->prim[k]))
+				set.word[k / 64] |= 1ull << (k % 64);
 	}
-	for (uint32_t i = 0; i < s->thing_count; i++)
-		touched |= (uint64_t)(gap[i] > 0) << i;
-	return touched;
+	return set;
+}
+
+/* Those of a set that the beam may meet. */
+DIO_SIM_FN struct prim_set set_within_beam(const struct dio_sim_scene *s, const struct prim_set *of,
+					   const struct beam *b)
+{
+	struct prim_set set = set_of_none();
+
+	for (uint32_t w = 0; w < SIM_SET_WORDS; w++) {
+		for (uint64_t left = of->word[w]; left; left &= left - 1) {
+			uint32_t k = lowest_bit(left);
+
+			if (beam_meets_prim(b, &s->prim[64 * w + k]))
+				set.word[w] |= 1ull << k;
+		}
+	}
+	return set;
 }
 
 DIO_SIM_FN bool prim_may_hit(const struct prim *p, const struct ray *r, float limit)
@@ -151,9 +244,9 @@ DIO_SIM_FN void hit_ground(const struct dio_sim_scene *s, const struct ray *r,
 	hit->id = SIM_ID_GROUND;
 }
 
-/* Nearest surface among the things of `mask` and the surroundings. */
-DIO_SIM_FN void trace_nearest(const struct dio_sim_scene *s, const struct ray *r, uint64_t mask,
-			      struct scene_hit *hit)
+/* Nearest surface among the primitives of a set and the surroundings. */
+DIO_SIM_FN void trace_nearest(const struct dio_sim_scene *s, const struct ray *r,
+			      const struct prim_set *set, struct scene_hit *hit)
 {
 	struct surface_hit h;
 	uint32_t best = SIM_MAX_PRIMS;
@@ -166,34 +259,32 @@ DIO_SIM_FN void trace_nearest(const struct dio_sim_scene *s, const struct ray *r
 	hit_ground(s, r, hit);
 	h.t = hit->t;
 	h.normal = v3(0, 0, 1);
-	for (uint32_t i = 0; mask >> i; i++) {
-		const struct thing *thing = &s->thing[i];
+	for (uint32_t w = 0; w < SIM_SET_WORDS; w++) {
+		for (uint64_t left = set->word[w]; left; left &= left - 1) {
+			uint32_t k = 64 * w + lowest_bit(left);
 
-		if (!(mask >> i & 1))
-			continue;
-		for (uint32_t k = thing->first; k < thing->first + thing->count; k++)
 			if (prim_may_hit(&s->prim[k], r, h.t) && hit_prim(&s->prim[k], r, &h))
 				best = k;
+		}
 	}
 	if (best < SIM_MAX_PRIMS)
 		finish_prim_hit(&s->prim[best], best, r, &h, hit);
 }
 
-/* Is anything in the way before `limit`? */
-DIO_SIM_FN bool trace_blocked(const struct dio_sim_scene *s, const struct ray *r, uint64_t mask,
-			      float limit)
+/* Is anything of a set in the way before `limit`? */
+DIO_SIM_FN bool trace_blocked(const struct dio_sim_scene *s, const struct ray *r,
+			      const struct prim_set *set, float limit)
 {
 	struct surface_hit h;
 
 	h.t = limit;
-	for (uint32_t i = 0; mask >> i; i++) {
-		const struct thing *thing = &s->thing[i];
+	for (uint32_t w = 0; w < SIM_SET_WORDS; w++) {
+		for (uint64_t left = set->word[w]; left; left &= left - 1) {
+			uint32_t k = 64 * w + lowest_bit(left);
 
-		if (!(mask >> i & 1))
-			continue;
-		for (uint32_t k = thing->first; k < thing->first + thing->count; k++)
 			if (prim_may_hit(&s->prim[k], r, limit) && hit_prim(&s->prim[k], r, &h))
 				return true;
+		}
 	}
 	return false;
 }
