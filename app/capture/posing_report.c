@@ -30,19 +30,27 @@ static bool in_scene(const struct dio_posed_view *view)
 	return view->use == DIO_POSED_CONTEXT || view->use == DIO_POSED_TARGET;
 }
 
+/* A view's picture in the scene: its place in the list, so that a listing leads to it. */
+static void write_file_name(char *name, size_t size, uint32_t view)
+{
+	snprintf(name, size, "images/%03u.png", view);
+}
+
 void dio_posing_print(const struct dio_posing *result)
 {
 	printf("posed     %u of %u pictures, %.3f px mean reprojection error\n", result->posed,
 	       result->count, result->rms_px);
 	for (uint32_t i = 0; i < result->count; i++) {
 		const struct dio_posed_view *view = &result->views[i];
+		char file[32];
 
+		write_file_name(file, sizeof file, i);
 		printf("  %-24s %-9s", view->name, use_text(view->use));
 		if (*view->reason)
 			printf(" %s\n", view->reason);
 		else
-			printf(" %4u corners  %7.3f px\n", view->estimate.corners,
-			       view->estimate.rms_px);
+			printf(" %4u corners  %7.3f px  %s\n", view->estimate.corners,
+			       view->estimate.rms_px, in_scene(view) ? file : "");
 	}
 	printf("scene     %u context views, %u targets, %u x %u pixels\n", result->context,
 	       result->targets, result->pinhole.width, result->pinhole.height);
@@ -66,9 +74,13 @@ cJSON *dio_posing_json(const struct dio_posing *result)
 	for (uint32_t i = 0; i < result->count; i++) {
 		const struct dio_posed_view *view = &result->views[i];
 		cJSON *item = cJSON_CreateObject();
+		char file[32];
 
+		write_file_name(file, sizeof file, i);
 		dio_json_add_text(item, "name", view->name);
 		dio_json_add_text(item, "use", use_text(view->use));
+		if (in_scene(view))
+			dio_json_add_text(item, "file", file);
 		dio_json_add_number(item, "corners", view->estimate.corners, 0);
 		if (*view->reason)
 			dio_json_add_text(item, "reason", view->reason);
@@ -91,7 +103,7 @@ static enum dio_status write_pictures(const struct dio_posing *result, const cha
 
 		if (!in_scene(view))
 			continue;
-		snprintf(name, sizeof name, "images/%03u.png", i);
+		write_file_name(name, sizeof name, i);
 		path = dio_path_join(folder, name);
 		if (!path)
 			return dio_fail(error, DIO_NO_MEM, "%s: no memory", folder);

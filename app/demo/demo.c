@@ -29,7 +29,7 @@ void dio_demo_defaults(struct dio_demo_options *options)
 		.board = "charuco:7x5:0.04:0.03:DICT_6X6_250",
 		.out = "demo-out",
 		.seed = 7,
-		.stands = 20,
+		.stands = 30,
 		.frames = 40,
 		.context = 8,
 		.orbit_frames = 100,

@@ -104,6 +104,9 @@ int dio_command_board(int argc, char **argv)
 		     "  print   draw a board for the printer; see diorama board print --help");
 		return DIO_EXIT_OK;
 	}
-	dio_log_error("board: what to do is missing: diorama board print SPEC --out board.pdf");
+	if (argc >= 2)
+		dio_log_error("board: %s: no such word; see diorama board --help", argv[1]);
+	else
+		dio_log_error("board: print is missing; see diorama board --help");
 	return DIO_EXIT_USAGE;
 }

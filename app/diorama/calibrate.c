@@ -7,12 +7,24 @@
 #include "core/json_out.h"
 #include "core/log.h"
 #include "core/options.h"
+#include "dio/atomic_file.h"
 
 struct request {
 	const char *input, *board, *out, *ros;
 	bool json;
 	struct dio_calibrating_options options;
 };
+
+/* A file that cannot be written is better known before the camera is looked at than after. */
+static enum dio_status probe(const char *path, struct dio_error *error)
+{
+	struct dio_atomic_file *file;
+	enum dio_status status = path ? dio_atomic_file_open(path, &file, error) : DIO_OK;
+
+	if (path && status == DIO_OK)
+		dio_atomic_file_discard(file);
+	return status;
+}
 
 static enum dio_status write_files(const struct request *request,
 				   const struct dio_calibration *calibration,
@@ -48,6 +60,10 @@ static enum dio_status calibrate(const struct request *request, struct dio_error
 	struct dio_board board;
 	enum dio_status status = dio_board_parse(request->board, &board, error);
 
+	if (status == DIO_OK)
+		status = probe(request->out, error);
+	if (status == DIO_OK)
+		status = probe(request->ros, error);
 	if (status != DIO_OK)
 		return status;
 	status = dio_calibrating_run(request->input, &board, &request->options, &result, error);

@@ -35,6 +35,17 @@ static const char *scene_name(const struct request *request)
 	return *name ? name : "scene";
 }
 
+/* A place that cannot be written is better known before the pictures are looked at than after. */
+static enum dio_status make_folder_of(const char *path, struct dio_error *error)
+{
+	char *folder = dio_path_folder(path);
+	enum dio_status status = folder ? dio_folder_make(folder, error)
+					: dio_fail(error, DIO_NO_MEM, "%s: no memory", path);
+
+	free(folder);
+	return status;
+}
+
 static enum dio_status pose(const struct request *request, struct dio_error *error)
 {
 	struct dio_posing result = {0};
@@ -44,6 +55,8 @@ static enum dio_status pose(const struct request *request, struct dio_error *err
 
 	if (status == DIO_OK)
 		status = dio_camera_model_read(request->camera, &model, error);
+	if (status == DIO_OK)
+		status = make_folder_of(request->out, error);
 	if (status != DIO_OK)
 		return status;
 	status = dio_posing_run(request->input, &model, &board, &request->options, &result, error);
