@@ -1,9 +1,11 @@
 #include "check.h"
 
+#include <sched.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mount.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -272,6 +274,64 @@ static void a_killed_recorder_leaves_only_whole_frames(void **state)
 	}
 }
 
+/* In a child with a mount namespace of its own: exits 0, or 77 when nothing may be mounted. */
+static int record_onto_a_small_disk(const char *disk)
+{
+	static uint8_t noise[256 * 256];
+	struct dio_frame frame = {.format = DIO_PIXEL_GRAY8,
+				  .width = 256,
+				  .height = 256,
+				  .pitch_bytes = 256,
+				  .data = noise,
+				  .size_bytes = sizeof(noise)};
+	const char *folder = scratch_path(disk, "rec");
+	struct dio_recorder *recorder;
+	struct dio_camera *camera;
+	struct dio_error error = {{0}};
+	enum dio_status status;
+	uint64_t count = 0;
+
+	if ((unshare(CLONE_NEWNS) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWNS) != 0) ||
+	    mount("none", "/", NULL, MS_REC | MS_PRIVATE, NULL) != 0 ||
+	    mount("tmpfs", disk, "tmpfs", 0, "size=1m") != 0)
+		return 77;
+	for (uint32_t i = 0, x = 1; i < sizeof(noise); i++, x = x * 1664525 + 1013904223)
+		noise[i] = (uint8_t)(x >> 24);
+	if (dio_recorder_open(folder, &source, &recorder, &error) != DIO_OK)
+		return 1;
+	while ((status = dio_recorder_append(recorder, &frame, &error)) == DIO_OK)
+		frame.sequence = ++count;
+	if (status != DIO_NO_SPACE || !strstr(error.text, "disk is full") || count < 2)
+		return 2;
+	dio_recorder_close(recorder, &error);
+	if (dio_camera_open(folder, &fast, &camera, &error) != DIO_OK ||
+	    dio_camera_start(camera, &error) != DIO_OK)
+		return 3;
+	for (uint64_t i = 0; i < count; i++) {
+		if (dio_camera_acquire(camera, &frame, 0, &error) != DIO_OK || frame.sequence != i)
+			return 4;
+	}
+	status = dio_camera_acquire(camera, &frame, 0, &error);
+	dio_camera_close(camera);
+	return status == DIO_END ? 0 : 5;
+}
+
+static void a_full_disk_ends_a_recording_that_still_plays(void **state)
+{
+	pid_t child = fork();
+	int status;
+
+	if (child == 0)
+		_exit(record_onto_a_small_disk(*state));
+	assert_int_equal(waitpid(child, &status, 0), child);
+	assert_true(WIFEXITED(status));
+	if (WEXITSTATUS(status) == 77) {
+		print_message("no tmpfs may be mounted here\n");
+		skip();
+	}
+	assert_int_equal(WEXITSTATUS(status), 0);
+}
+
 static void damaged_frames_are_named_and_the_others_play(void **state)
 {
 	const char *folder = scratch_path(*state, "rec");
@@ -417,6 +477,7 @@ int main(void)
 		scratch_test(an_existing_recording_is_refused),
 		scratch_test(a_recording_that_was_cut_off_opens_with_all_whole_frames),
 		scratch_test(a_killed_recorder_leaves_only_whole_frames),
+		scratch_test(a_full_disk_ends_a_recording_that_still_plays),
 		scratch_test(damaged_frames_are_named_and_the_others_play),
 		scratch_test(damaged_indexes_are_refused_by_name),
 		scratch_test(every_truncation_of_the_index_is_refused),
