@@ -390,6 +390,11 @@ static void damaged_indexes_are_refused_by_name(void **state)
 		 DIO_BAD_FILE, "frame 0"},
 		{"{\"format\":\"diorama-recording\",\"version\":1,\"camera\":{\"name\":\"\","
 		 "\"pixel_format\":\"YUYV\",\"width\":1,\"height\":1,\"frames_per_second\":0},"
+		 "\"frames\":[{\"file\":\"frames/..\",\"timestamp_ns\":\"1\","
+		 "\"sequence\":\"1\",\"size_bytes\":\"1\",\"crc32\":\"0\"}]}",
+		 DIO_BAD_FILE, "frame 0"},
+		{"{\"format\":\"diorama-recording\",\"version\":1,\"camera\":{\"name\":\"\","
+		 "\"pixel_format\":\"YUYV\",\"width\":1,\"height\":1,\"frames_per_second\":0},"
 		 "\"frames\":[{\"file\":\"frames/0.png\",\"timestamp_ns\":\"-1\","
 		 "\"sequence\":\"1\",\"size_bytes\":\"1\",\"crc32\":\"0\"}]}",
 		 DIO_BAD_FILE, "frame 0"},
