@@ -17,7 +17,8 @@ struct dio_camera_model {
 	double dist[5];
 };
 
-/** Rigid T_world_cam, 4x4 row-major; camera axes x right, y down, z forward; metres after calibration. */
+/** Rigid T_world_cam, 4x4 row-major; camera axes x right, y down, z forward; metres after
+ * calibration. */
 struct dio_pose {
 	double world_from_camera[16];
 };
