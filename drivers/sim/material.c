@@ -148,9 +148,14 @@ struct material sim_material_floor(struct rng *r, float size_m)
 	struct material m = sim_material(r, kinds[rng_below(r, sizeof(kinds))],
 					 size_m * rng_in(r, 0.05f, 0.35f));
 
-	/* Floors are calmer than what stands on them. */
-	for (int i = 1; i < 4; i++)
+	/* Floors are calmer than what stands on them, and seldom of a strong colour. */
+	for (int i = 0; i < 4; i++) {
+		float grey = (m.colour[i].x + m.colour[i].y + m.colour[i].z) / 3;
+
+		m.colour[i] = v3_mix(m.colour[i], v3(grey, grey, grey),
+				     m.texture == TEX_WOOD ? 0.1f : 0.55f);
 		m.colour[i] = v3_mix(m.colour[i], m.colour[0], 0.4f);
+	}
 	m.grime = maxf(m.grime, 0.08f);
 	return m;
 }
@@ -169,8 +174,12 @@ struct material sim_material_wall(struct rng *r, float size_m)
 		m.specular = 0;
 		m.reflects = false;
 	}
-	for (int i = 1; i < 4; i++)
+	for (int i = 0; i < 4; i++) {
+		float grey = (m.colour[i].x + m.colour[i].y + m.colour[i].z) / 3;
+
+		m.colour[i] = v3_mix(m.colour[i], v3(grey, grey, grey), 0.4f);
 		m.colour[i] = v3_mix(m.colour[i], m.colour[0], 0.35f);
+	}
 	m.grime = maxf(m.grime, 0.08f);
 	return m;
 }

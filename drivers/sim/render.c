@@ -102,7 +102,7 @@ static void first_pass(const struct picture *p, struct tile *t)
 			size_t i = (size_t)y * p->camera->width + x;
 
 			store(p->rgb + 3 * i, light_from(p->scene, &rays[n], &hits[n],
-							 p->pixel_angle, SIM_WHOLE_LAMP, &t->near));
+							 p->pixel_angle, 0, &t->near));
 			p->surface[i] = (uint16_t)hits[n].id;
 		}
 	}
@@ -166,7 +166,7 @@ struct palette {
 };
 
 static struct v3 sample_light(const struct picture *p, const struct tile *t, const struct ray *r,
-			      uint32_t place, struct palette *known)
+			      uint32_t turn, struct palette *known)
 {
 	const struct neighbourhood *near = &t->near;
 	struct scene_hit hit;
@@ -178,7 +178,7 @@ static struct v3 sample_light(const struct picture *p, const struct tile *t, con
 			return known->colour[i];
 	if (hit.material && !neighbourhood_holds(near, hit.point))
 		near = &p->anywhere;
-	c = light_from(p->scene, r, &hit, p->pixel_angle / (float)p->samples, place, near);
+	c = light_from(p->scene, r, &hit, p->pixel_angle / (float)p->samples, turn, near);
 	/* A glint must not outweigh the rest of the pixel: the sensor clips later. */
 	c = v3(minf(c.x, 2), minf(c.y, 2), minf(c.z, 2));
 	if (known && known->count < PALETTE_SIZE) {
@@ -194,8 +194,7 @@ static struct v3 sample_pixel(const struct picture *p, const struct tile *t, uin
 	struct lens_point q = lens_at(p->camera, x, y);
 	size_t i = (size_t)y * p->camera->width + x;
 	bool outline_only = p->refine[i] == REFINE_OUTLINE;
-	/* Neighbours start at another place of the lamps, so that steps do not line up. */
-	uint32_t n = p->samples, start = x + 2 * y;
+	uint32_t n = p->samples;
 	struct v3 sum = v3(0, 0, 0);
 	struct palette known;
 
@@ -207,9 +206,8 @@ static struct v3 sample_pixel(const struct picture *p, const struct tile *t, uin
 		double du = (k % n + 0.5) / n - 0.5, dv = (k / n + 0.5) / n - 0.5;
 		struct ray r = lens_ray(p->camera, q.x + q.dx_du * du + q.dx_dv * dv,
 					q.y + q.dy_du * du + q.dy_dv * dv);
-		uint32_t place = outline_only ? SIM_WHOLE_LAMP : (start + k) % SIM_LAMP_PLACES;
 
-		sum = v3_add(sum, sample_light(p, t, &r, place, outline_only ? &known : NULL));
+		sum = v3_add(sum, sample_light(p, t, &r, k, outline_only ? &known : NULL));
 	}
 	return v3_scale(sum, 1 / (float)(n * n));
 }

@@ -98,13 +98,16 @@ struct rig sim_rig_draw(const struct dio_sim_scene *s, struct rng *r, uint32_t w
 	}
 	case DIO_SIM_TURNTABLE:
 		draw_around(&rig, r, true);
-		rig.away = reach * rng_in(r, 1.1f, 2);
+		if (rig.style == RIG_FORWARD)
+			rig.style = RIG_RING;
+		rig.away = reach * rng_in(r, 0.9f, 1.7f);
+		rig.aim_jitter *= 0.4f;
 		if (rng_chance(r, 0.5f)) /* an exact turntable */
 			rig.away_span = rig.aim_jitter = 0;
 		break;
 	default:
 		draw_around(&rig, r, false);
-		rig.away = reach * rng_in(r, 0.6f, 1.5f);
+		rig.away = reach * rng_in(r, 0.55f, 1.3f);
 		break;
 	}
 	draw_intrinsics(&rig, r, width, height, fov);

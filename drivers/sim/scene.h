@@ -120,6 +120,8 @@ struct dio_sim_scene {
 	float radius[SIM_MAX_THINGS];
 	float occluder2[SIM_MAX_THINGS]; /* squared radius of the ball that shades as much */
 
+	float exposure; /* the gain that a camera's automatic exposure would choose */
+
 	/* What a camera should look at. */
 	struct v3 focus;
 	float extent; /* radius of what matters around the focus */

@@ -96,16 +96,16 @@ static float shoulder(float x)
 }
 
 bool sim_sensor_expose(const struct dio_sim_sensor *sensor, const struct dio_sim_camera *camera,
-		       float *rgb)
+		       float gain, float *rgb)
 {
 	uint32_t w = camera->width, h = camera->height;
-	float exposure = gain_of(sensor->exposure_stops), gain[3];
+	float exposure = gain * gain_of(sensor->exposure_stops), gains[3];
 	float scale = 4 / ((float)w * (float)w + (float)h * (float)h);
 
 	if (sensor->blur_px > 0.05f && !blur(rgb, w, h, sensor->blur_px))
 		return false;
 	for (int c = 0; c < 3; c++)
-		gain[c] = exposure * (sensor->white_balance[c] > 0 ? sensor->white_balance[c] : 1);
+		gains[c] = exposure * (sensor->white_balance[c] > 0 ? sensor->white_balance[c] : 1);
 	for (uint32_t y = 0; y < h; y++) {
 		float dy = (float)y + 0.5f - 0.5f * (float)h;
 
@@ -115,7 +115,7 @@ bool sim_sensor_expose(const struct dio_sim_sensor *sensor, const struct dio_sim
 			float *v = rgb + ((size_t)y * w + x) * 3;
 
 			for (int c = 0; c < 3; c++)
-				v[c] = srgb_encode(shoulder(v[c] * gain[c] * fall));
+				v[c] = srgb_encode(shoulder(v[c] * gains[c] * fall));
 		}
 	}
 	return true;

@@ -143,60 +143,48 @@ DIO_SIM_FN float ambient_open(const struct dio_sim_scene *s, struct v3 p, struct
 	return open;
 }
 
+/* Which points of a lamp a ray asks about: four, turned by `turn` sixteenths so that the rays of
+ * one pixel ask about other points; or its centre alone. */
 enum {
-	SIM_LAMP_PLACES = 6,
-	/* Which ray of a pixel asks: `place` values for those that ask about one point of the lamp
-	 * are 0..; these ask about all of it, or its centre. */
-	SIM_WHOLE_LAMP = 254,
+	SIM_LAMP_TURNS = 4,
 	SIM_LAMP_CENTRE = 255,
 };
 
-DIO_SIM_FN bool lamp_place_seen(const struct dio_sim_scene *s, struct v3 from, struct v3 to,
-				struct v3 u, struct v3 v, float limit, float size, uint32_t place,
-				const struct prim_set *set)
-{
-	/* Three around the rim, then three nearer the middle between them. */
-	const float place_x[SIM_LAMP_PLACES] = {0.0f, 0.736f, -0.736f, 0.0f, 0.346f, -0.346f};
-	const float place_y[SIM_LAMP_PLACES] = {0.85f, -0.425f, -0.425f, -0.4f, 0.2f, 0.2f};
-	struct ray r;
-
-	r.from = from;
-	r.along = v3_unit(v3_mad(v3_mad(to, u, size * place_x[place]), v, size * place_y[place]));
-	return !trace_blocked(s, &r, set, limit);
-}
-
-/* Share of the lamp seen from a point. A pixel of one ray asks about three places, and three more
- * where these disagree; of several rays each asks about one. */
+/* Share of the lamp seen from a point: whole quarters. */
 DIO_SIM_FN float lamp_seen(const struct dio_sim_scene *s, struct v3 from, struct v3 to, float limit,
-			   float size, uint32_t place, const struct prim_set *before)
+			   float size, uint32_t turn, const struct prim_set *before)
 {
-	bool sharp = size < 0.004f || place == SIM_LAMP_CENTRE;
+	const float turn_cos[SIM_LAMP_TURNS] = {0.7f, 0.647f, 0.495f, 0.268f};
+	const float turn_sin[SIM_LAMP_TURNS] = {0.0f, 0.268f, 0.495f, 0.647f};
+	bool sharp = size < 0.004f || turn == SIM_LAMP_CENTRE;
 	struct beam beam = beam_of(from, to, limit, 0, sharp ? 0 : size);
-	struct prim_set set = *before;
+	struct prim_set set = set_within_beam(s, before, &beam);
+	float c = size * turn_cos[turn % SIM_LAMP_TURNS],
+	      d = size * turn_sin[turn % SIM_LAMP_TURNS];
 	uint32_t seen = 0;
 	struct v3 u, v;
+	struct ray r;
 
-	/* One ray is quicker than looking for what it may meet. */
-	if (!sharp && place == SIM_WHOLE_LAMP)
-		set = set_within_beam(s, before, &beam);
 	if (set_is_empty(&set))
 		return 1;
+	r.from = from;
+	r.along = to;
+	if (sharp)
+		return trace_blocked(s, &r, &set, limit) ? 0 : 1;
 	u = v3_unit(v3_cross(to, absf(to.z) < 0.9f ? v3(0, 0, 1) : v3(1, 0, 0)));
 	v = v3_cross(to, u);
-	if (sharp)
-		return lamp_place_seen(s, from, to, u, v, limit, 0, 0, &set) ? 1 : 0;
-	if (place < SIM_WHOLE_LAMP)
-		return lamp_place_seen(s, from, to, u, v, limit, size, place % SIM_LAMP_PLACES,
-				       &set)
-			       ? 1
-			       : 0;
-	for (uint32_t i = 0; i < 3; i++)
-		seen += lamp_place_seen(s, from, to, u, v, limit, size, i, &set);
-	if (seen == 0 || seen == 3)
-		return seen ? 1 : 0;
-	for (uint32_t i = 3; i < SIM_LAMP_PLACES; i++)
-		seen += lamp_place_seen(s, from, to, u, v, limit, size, i, &set);
-	return (float)seen / SIM_LAMP_PLACES;
+	for (uint32_t i = 0; i < 4; i++) {
+		/* Opposite points first, then one between them. */
+		float x = i == 0 ? c : i == 1 ? -c : i == 2 ? -d : d;
+		float y = i == 0 ? d : i == 1 ? -d : i == 2 ? c : -c;
+
+		/* Three that agree speak for the fourth. */
+		if (i == 3 && seen % 3 == 0)
+			return seen ? 1 : 0;
+		r.along = v3_unit(v3_mad(v3_mad(to, u, x), v, y));
+		seen += !trace_blocked(s, &r, &set, limit);
+	}
+	return 0.25f * (float)seen;
 }
 
 DIO_SIM_FN float highlight(struct v3 n, struct v3 half, const struct finish *f)
@@ -208,10 +196,10 @@ DIO_SIM_FN float highlight(struct v3 n, struct v3 half, const struct finish *f)
 	return f->specular * h * ((float)(1u << f->gloss_log2) + 8) * 0.08f;
 }
 
-/* `place`: what to ask of the lamps, see lamp_seen(). */
+/* `turn`: what to ask of the lamps, see lamp_seen(). */
 DIO_SIM_FN struct v3 shade_surface(const struct dio_sim_scene *s, const struct ray *r,
 				   const struct scene_hit *hit, const struct finish *f,
-				   uint32_t place, const struct neighbourhood *near)
+				   uint32_t turn, const struct neighbourhood *near)
 {
 	struct v3 p = v3_mad(hit->point, hit->normal, 1e-4f + 1e-4f * hit->t), n = hit->normal, sum;
 
@@ -234,7 +222,7 @@ DIO_SIM_FN struct v3 shade_surface(const struct dio_sim_scene *s, const struct r
 		cosine = v3_dot(n, to);
 		if (cosine <= 0)
 			continue;
-		power *= lamp_seen(s, p, to, limit, size, place, &near->lamp[i]);
+		power *= lamp_seen(s, p, to, limit, size, turn, &near->lamp[i]);
 		if (power > 0) {
 			struct v3 half = v3_unit(v3_sub(to, r->along));
 			float shine = f->specular > 0 ? highlight(n, half, f) : 0;
@@ -292,7 +280,7 @@ DIO_SIM_FN struct v3 fade_to_horizon(const struct dio_sim_scene *s, const struct
 
 /* Light arriving along a ray from what it hit; `pixel_angle` is the ray's spread. */
 DIO_SIM_FN struct v3 light_from(const struct dio_sim_scene *s, const struct ray *r,
-				struct scene_hit *hit, float pixel_angle, uint32_t place,
+				struct scene_hit *hit, float pixel_angle, uint32_t turn,
 				const struct neighbourhood *near)
 {
 	struct finish f;
@@ -302,7 +290,7 @@ DIO_SIM_FN struct v3 light_from(const struct dio_sim_scene *s, const struct ray 
 		return sky_colour(s, r->along);
 	hit->place.width = footprint(r, hit, pixel_angle);
 	f = surface_finish(s, hit, pixel_angle * hit->t);
-	c = shade_surface(s, r, hit, &f, place, near);
+	c = shade_surface(s, r, hit, &f, turn, near);
 	if (f.specular > 0) {
 		float away = 1 - saturate(-v3_dot(r->along, hit->normal)), a2 = away * away;
 		float fresnel =

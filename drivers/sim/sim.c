@@ -37,12 +37,37 @@ static void build(struct dio_sim_scene *s, const struct dio_sim_scene_options *o
 	}
 }
 
+/* Half way, as cameras do, from the light as it is to a picture of middle brightness; judged by a
+ * small picture from the first viewpoint. 1 when memory is short. */
+static float automatic_exposure(const struct dio_sim_scene *s)
+{
+	enum { WIDTH = 20, HEIGHT = 15 };
+	struct dio_sim_camera c = {.width = WIDTH, .height = HEIGHT, .fx = 18, .fy = 18};
+	float rgb[WIDTH * HEIGHT * 3], sum = 0, middle = 0.3f;
+
+	/* A plain backdrop says nothing about the light on the thing before it. */
+	if (s->surround == SURROUND_PLAIN)
+		return 1;
+	c.cx = 0.5 * (WIDTH - 1);
+	c.cy = 0.5 * (HEIGHT - 1);
+	dio_sim_viewpoint(s, 0, 0, c.world_from_camera);
+	if (!sim_render_linear(s, &c, 1, rgb))
+		return 1;
+	for (int i = 0; i < WIDTH * HEIGHT * 3; i++)
+		sum += minf(rgb[i], 1.5f);
+	sum /= WIDTH * HEIGHT * 3;
+	/* White paper in view must not burn out. */
+	return clampf(sqrtf(middle / maxf(sum, 1e-3f)), 0.7f, s->paper_half_x > 0 ? 1.2f : 2);
+}
+
 struct dio_sim_scene *dio_sim_scene_create(const struct dio_sim_scene_options *options)
 {
 	struct dio_sim_scene *s = calloc(1, sizeof(*s));
 
-	if (s)
-		build(s, options);
+	if (!s)
+		return NULL;
+	build(s, options);
+	s->exposure = automatic_exposure(s);
 	return s;
 }
 
@@ -57,7 +82,7 @@ bool dio_sim_render_float(const struct dio_sim_scene *scene, const struct dio_si
 	static const struct dio_sim_sensor perfect;
 
 	return sim_render_linear(scene, camera, samples, rgb) &&
-	       sim_sensor_expose(sensor ? sensor : &perfect, camera, rgb);
+	       sim_sensor_expose(sensor ? sensor : &perfect, camera, scene->exposure, rgb);
 }
 
 bool dio_sim_render(const struct dio_sim_scene *scene, const struct dio_sim_camera *camera,

@@ -11,6 +11,7 @@ static void add_front(struct dio_sim_scene *s, struct rng *r, struct v3 at, floa
 	struct material roof = sim_material(r, TEX_TILES, 0.5f);
 	struct builder b;
 
+	wall.colour[0] = rng_chance(r, 0.5f) ? sim_colour_neutral(r) : sim_colour_wood(r);
 	wall.specular = roof.specular = 0;
 	wall.reflects = roof.reflects = false;
 	if (wall.texture == TEX_TILES)
@@ -46,6 +47,8 @@ static void add_monument(struct dio_sim_scene *s, struct rng *r, struct v3 at)
 	float z = 0, w = rng_in(r, 1, 2.2f);
 	struct builder b;
 
+	stone.colour[0] = rng_chance(r, 0.5f) ? sim_colour_neutral(r) : sim_colour_wood(r);
+	stone.colour[1] = v3_scale(stone.colour[0], 0.7f);
 	stone.specular = 0;
 	stone.reflects = false;
 	if (!sim_thing_begin(&b, s, r, at, sim_turned(rng_in(r, -0.03f, 0.03f))))

@@ -125,14 +125,16 @@ void sim_build_table(struct dio_sim_scene *s, struct rng *r, bool clear_board)
 	float board_r =
 		sqrtf(s->paper_half_x * s->paper_half_x + s->paper_half_y * s->paper_half_y);
 	float around = rng_unit(r), size;
-	uint32_t count = 3 + rng_below(r, 8);
+	uint32_t count = rng_chance(r, 0.2f) ? 1 + rng_below(r, 2) : 3 + rng_below(r, 9);
 
 	s->extent = maxf(rng_in(r, 0.16f, 0.4f), 1.15f * board_r);
 	s->focus = v3(0, 0, 0.1f * s->extent);
 	s->ground_z = -rng_in(r, 0.45f, 0.8f);
-	size = s->extent * rng_in(r, 0.22f, 0.4f);
+	size = s->extent * rng_in(r, 0.28f, 0.5f);
 	if (count > 6)
 		size *= 0.75f;
+	if (count < 3) /* a close look */
+		size *= 1.3f;
 
 	if (around < 0.55f) {
 		add_room_around(s, r);
@@ -152,7 +154,7 @@ void sim_build_table(struct dio_sim_scene *s, struct rng *r, bool clear_board)
 		}
 	}
 
-	layout.reach_x = layout.reach_y = s->extent;
+	layout.reach_x = layout.reach_y = count < 3 ? 0.3f * s->extent : s->extent;
 	if (clear_board && s->paper_half_x > 0) {
 		layout.clear_x = s->paper_half_x;
 		layout.clear_y = s->paper_half_y;

@@ -59,9 +59,9 @@ static void one_stop_doubles_the_light(void **state)
 	(void)state;
 	fill(bright, 0.15f);
 	fill(plain, 0.30f);
-	assert_true(sim_sensor_expose(&s, &camera, bright));
+	assert_true(sim_sensor_expose(&s, &camera, 1, bright));
 	s.exposure_stops = 0;
-	assert_true(sim_sensor_expose(&s, &camera, plain));
+	assert_true(sim_sensor_expose(&s, &camera, 1, plain));
 	assert_true(fabsf(bright[0] - plain[0]) < 1e-3f);
 }
 
@@ -73,7 +73,7 @@ static void light_never_leaves_the_unit_range(void **state)
 	(void)state;
 	for (int i = 0; i < VALUES; i++)
 		rgb[i] = (float)(i % 100) / 20;
-	assert_true(sim_sensor_expose(&s, &camera, rgb));
+	assert_true(sim_sensor_expose(&s, &camera, 1, rgb));
 	sim_sensor_add_noise(&s, VALUES, rgb);
 	for (int i = 0; i < VALUES; i++)
 		assert_true(rgb[i] >= 0 && rgb[i] <= 1);
@@ -109,7 +109,7 @@ static void blur_spreads_a_point_and_keeps_its_light(void **state)
 	(void)state;
 	memset(rgb, 0, sizeof(rgb));
 	rgb[middle] = 0.69f;
-	assert_true(sim_sensor_expose(&s, &camera, rgb));
+	assert_true(sim_sensor_expose(&s, &camera, 1, rgb));
 	for (int x = 44; x < 85; x++) {
 		for (int y = 28; y < 69; y++) {
 			double e = rgb[((size_t)y * WIDTH + (size_t)x) * 3];
@@ -130,7 +130,7 @@ static void corners_lose_the_light_of_the_vignette(void **state)
 
 	(void)state;
 	fill(rgb, 0.4f);
-	assert_true(sim_sensor_expose(&s, &camera, rgb));
+	assert_true(sim_sensor_expose(&s, &camera, 1, rgb));
 	assert_true(fabs(rgb[0] - exact_encode(0.2)) < 0.01);
 	assert_true(fabs(rgb[(48 * WIDTH + 64) * 3] - exact_encode(0.4)) < 0.01);
 }
