@@ -83,6 +83,33 @@ static void one_job_sees_what_the_job_before_it_wrote(void **state)
 		assert_int_equal(sums[i], JOBS * (i + 1));
 }
 
+static void slow_task(void *context, size_t index, uint32_t worker)
+{
+	struct timespec pause = {.tv_nsec = 3 * 1000 * 1000};
+	uint32_t *done = context;
+
+	(void)worker;
+	nanosleep(&pause, NULL);
+	done[index] = 1;
+}
+
+static void run_returns_only_when_the_slowest_task_is_done(void **state)
+{
+	struct dvsm_pool *pool;
+
+	(void)state;
+	assert_int_equal(dvsm_pool_create(4, &pool, NULL), DVSM_OK);
+	/* Seven over four: at the end some thread is far behind the caller. */
+	for (int i = 0; i < 20; i++) {
+		uint32_t done[7] = {0};
+
+		dvsm_pool_run(pool, 7, slow_task, done);
+		for (size_t j = 0; j < 7; j++)
+			assert_int_equal(done[j], 1);
+	}
+	dvsm_pool_destroy(pool);
+}
+
 static void pools_come_and_go_with_and_without_work(void **state)
 {
 	uint64_t sums[4] = {0};
@@ -139,6 +166,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(every_task_runs_once_for_any_thread_and_task_count),
 		cmocka_unit_test(one_job_sees_what_the_job_before_it_wrote),
+		cmocka_unit_test(run_returns_only_when_the_slowest_task_is_done),
 		cmocka_unit_test(pools_come_and_go_with_and_without_work),
 		cmocka_unit_test(impossible_thread_counts_are_refused_in_words),
 		cmocka_unit_test(idle_threads_sleep),
