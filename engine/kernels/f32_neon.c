@@ -1,4 +1,6 @@
 /* The float32 kernels for Advanced SIMD (aarch64). */
+#if defined(__aarch64__) /* tools that walk all sources come here on other machines too */
+
 #include "kernels/f32_tier.h"
 #include "kernels/vec_neon.h"
 
@@ -23,3 +25,5 @@ const struct dvsm_kernels dvsm_kernels_neon = {
 	.attention = attention,
 	.to_colour = to_colour,
 };
+
+#endif

@@ -118,8 +118,8 @@ static void render_allocates_nothing_after_reserve(void **state)
 
 	/* Larger than all context views together, so that reconstruction's workspace is too small.
 	 */
-	large.width = 320;
-	large.height = 240;
+	large.width = 160;
+	large.height = 120;
 	picture = malloc((size_t)large.width * large.height * 3 * sizeof(float));
 	assert_non_null(picture);
 
@@ -128,7 +128,7 @@ static void render_allocates_nothing_after_reserve(void **state)
 	assert_true(allocations_made() > before);
 
 	before = allocations_made();
-	for (int i = 0; i < 20; i++) {
+	for (int i = 0; i < 8; i++) {
 		const struct dvsm_camera *camera = i % 2 ? &large : &f->target;
 		struct dvsm_stats stats;
 
