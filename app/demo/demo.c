@@ -18,15 +18,14 @@
 #define DANCE_FPS (1 / 1.5)
 #define WALK_S	  40.0
 
-/* A lens like a telephone's second one: the markers stay readable from where the scene is whole. */
-#define SIM_CAMERA "sim:table?style=%s&seed=%u&width=%u&height=%u&fov=40&samples=1&board=%s"
+#define SIM_CAMERA "sim:table?style=%s&seed=%u&width=%u&height=%u&board=%s"
 #define SIM_WIDTH  640u
 #define SIM_HEIGHT 480u
 
 void dio_demo_defaults(struct dio_demo_options *options)
 {
 	*options = (struct dio_demo_options){
-		.board = "charuco:7x5:0.04:0.03:DICT_6X6_250",
+		.board = "charuco:10x7:0.0285:0.0171:DICT_6X6_250",
 		.out = "demo-out",
 		.seed = 7,
 		.stands = 30,

@@ -34,7 +34,7 @@ int dio_command_demo(int argc, char **argv)
 		 .kind = DIO_OPTION_TEXT,
 		 .value = "SPEC",
 		 .help = "the board, see diorama calibrate --help;\n"
-			 "default charuco:7x5:0.04:0.03:DICT_6X6_250",
+			 "default charuco:10x7:0.0285:0.0171:DICT_6X6_250",
 		 .target = &options.board},
 		{.name = "out",
 		 .kind = DIO_OPTION_TEXT,

@@ -51,12 +51,21 @@ static struct v3 shake(double t, float reach)
 /* Distance at which a thing of radius 1 fills a 45 degree picture with some room around it. */
 #define COMFORTABLE 2.9f
 
+/* Half the paper's diagonal; 0 without a board. */
+static float board_radius(const struct dio_sim_scene *s)
+{
+	return sqrtf(s->paper_half_x * s->paper_half_x + s->paper_half_y * s->paper_half_y);
+}
+
 /* Once round in 40 s while rising and sinking, now nearer, now farther. */
 static void walk(const struct dio_sim_scene *s, double t, double pose[16])
 {
 	float turn = (float)fmod(t / 40, 1.0) + unit_from(hash_u32((uint32_t)s->seed));
 	float height = 0.105f + 0.035f * sin_turns((float)fmod(t / 17, 1.0)); /* turns */
-	float away = COMFORTABLE * s->extent * (1 + 0.15f * sin_turns((float)fmod(t / 23, 1.0)));
+	float board = board_radius(s);
+	/* The markers of a board are small: near enough that a common lens reads them. */
+	float reach = board > 0 ? 2.5f * board : COMFORTABLE * s->extent;
+	float away = reach * (1 + 0.15f * sin_turns((float)fmod(t / 23, 1.0)));
 	struct v3 d = v3(cos_turns(turn) * cos_turns(height), sin_turns(turn) * cos_turns(height),
 			 sin_turns(height));
 	struct v3 from = v3_mad(s->focus, d, away), at = s->focus;
@@ -76,7 +85,7 @@ static void walk(const struct dio_sim_scene *s, double t, double pose[16])
 static void stand(const struct dio_sim_scene *s, uint32_t index, struct v3 *from, struct v3 *at,
 		  float *roll)
 {
-	float board = sqrtf(s->paper_half_x * s->paper_half_x + s->paper_half_y * s->paper_half_y);
+	float board = board_radius(s);
 	float reach = board > 0 ? board : s->extent;
 	/* Low-discrepancy sequences (powers of the plastic number) so that few stands cover much.
 	 */
