@@ -27,7 +27,7 @@ void dio_demo_defaults(struct dio_demo_options *options)
 	*options = (struct dio_demo_options){
 		.board = "charuco:10x7:0.0285:0.0171:DICT_6X6_250",
 		.out = "demo-out",
-		.seed = 7,
+		.seed = 6,
 		.stands = 30,
 		.frames = 40,
 		.context = 8,

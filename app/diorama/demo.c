@@ -49,7 +49,7 @@ int dio_command_demo(int argc, char **argv)
 		{.name = "seed",
 		 .kind = DIO_OPTION_COUNT,
 		 .value = "N",
-		 .help = "which simulated scene, default 7",
+		 .help = "which simulated scene, default 6",
 		 .target = &options.seed,
 		 .max = 4294967295.0},
 		{.name = "stands",
