@@ -1,7 +1,7 @@
 /*
  * Chessboard corners: the classic detector (quads of a thresholded picture) and the sector-based
- * one (Radon transform at saddle points). Each finds boards the other misses. Both search a reduced
- * picture; the places are measured in the full one, and the grid that runs smoother wins.
+ * one (Radon transform at saddle points). Each finds boards the other misses. A large picture is
+ * searched reduced; the places are measured in the full one, and the grid that runs smoother wins.
  */
 #include "detect.hpp"
 
@@ -156,6 +156,15 @@ bool plausible(const cv::Mat &gray, const CornerGrid &grid, const Points &points
 	return shortest_step(grid, points) >= 4;
 }
 
+Points to_full_size(Points points, const cv::Mat &searched, const cv::Mat &gray)
+{
+	float scale_x = float(gray.cols) / float(searched.cols);
+	float scale_y = float(gray.rows) / float(searched.rows);
+	for (cv::Point2f &point : points)
+		point = {(point.x + 0.5f) * scale_x - 0.5f, (point.y + 0.5f) * scale_y - 0.5f};
+	return points;
+}
+
 /* The best measured grid so far. */
 struct Best {
 	Points points;
@@ -173,38 +182,48 @@ struct Best {
 	}
 };
 
-void search(const cv::Mat &gray, double scale, const CornerGrid &grid, Best &best)
+void search_classic(const cv::Mat &gray, const cv::Mat &searched, const CornerGrid &grid,
+		    Best &best)
 {
-	cv::Mat small = gray;
-	if (scale < 1)
-		cv::resize(gray, small, cv::Size(), scale, scale, cv::INTER_AREA);
-	double scale_x = double(gray.cols) / small.cols, scale_y = double(gray.rows) / small.rows;
-	cv::Size size(grid.cols, grid.rows);
-	auto full_size = [&](Points points) {
-		for (cv::Point2f &point : points)
-			point = {float((point.x + 0.5) * scale_x - 0.5),
-				 float((point.y + 0.5) * scale_y - 0.5)};
-		return points;
-	};
-
 	Points points;
-	if (cv::findChessboardCorners(small, size, points,
-				      cv::CALIB_CB_ADAPTIVE_THRESH |
-					      cv::CALIB_CB_NORMALIZE_IMAGE)) {
-		points = full_size(points);
-		if (plausible(gray, grid, points))
-			best.offer(grid, refine_all(gray, grid, points), false);
+	if (!cv::findChessboardCorners(searched, {grid.cols, grid.rows}, points,
+				       cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE))
+		return;
+	points = to_full_size(points, searched, gray);
+	if (plausible(gray, grid, points))
+		best.offer(grid, refine_all(gray, grid, points), false);
+}
+
+void search_sectors(const cv::Mat &gray, const cv::Mat &searched, const CornerGrid &grid,
+		    int effort, Best &best)
+{
+	Points points;
+	if (!cv::findChessboardCornersSB(searched, {grid.cols, grid.rows}, points,
+					 cv::CALIB_CB_NORMALIZE_IMAGE | effort))
+		return;
+	points = to_full_size(points, searched, gray);
+	if (!plausible(gray, grid, points))
+		return;
+	best.offer(grid, refine_all(gray, grid, points), true);
+	best.offer(grid, points, true, kUnrefinedHandicap);
+}
+
+/* A reduced picture first; where both fail, the sector detector on all there is. */
+Best search(const cv::Mat &gray, const CornerGrid &grid)
+{
+	Best best;
+	cv::Mat reduced = gray;
+	double scale = double(kSearchSide) / std::max(gray.cols, gray.rows);
+	if (scale < 1)
+		cv::resize(gray, reduced, cv::Size(), scale, scale, cv::INTER_AREA);
+	search_classic(gray, reduced, grid, best);
+	search_sectors(gray, reduced, grid, cv::CALIB_CB_EXHAUSTIVE, best);
+	if (best.points.empty()) {
+		/* ACCURACY doubles the picture, at four times the cost. */
+		int effort = cv::CALIB_CB_EXHAUSTIVE | (scale < 1 ? 0 : cv::CALIB_CB_ACCURACY);
+		search_sectors(gray, gray, grid, effort, best);
 	}
-	points.clear();
-	if (cv::findChessboardCornersSB(small, size, points,
-					cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_EXHAUSTIVE |
-						cv::CALIB_CB_ACCURACY)) {
-		points = full_size(points);
-		if (plausible(gray, grid, points)) {
-			best.offer(grid, refine_all(gray, grid, points), true);
-			best.offer(grid, points, true, kUnrefinedHandicap);
-		}
-	}
+	return best;
 }
 
 /* Width of the black-white edges; 0 when the detector cannot say. */
@@ -222,12 +241,7 @@ double measure_sharpness(const cv::Mat &gray, const CornerGrid &grid, const Poin
 Detection detect_chessboard(const dio_board &board, const cv::Mat &gray)
 {
 	CornerGrid grid = corner_grid(board);
-	Best best;
-	double scale = std::min(1.0, double(kSearchSide) / std::max(gray.cols, gray.rows));
-	search(gray, scale, grid, best);
-	if (best.points.empty() && scale < 1)
-		search(gray, std::min(1.0, 2 * scale), grid, best);
-
+	Best best = search(gray, grid);
 	Detection detection;
 	if (best.points.empty())
 		return detection;
