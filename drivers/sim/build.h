@@ -36,6 +36,8 @@ struct v3 sim_colour_wood(struct rng *r);
 struct v3 sim_colour_neutral(struct rng *r);
 struct v3 sim_colour_vivid(struct rng *r);
 struct v3 sim_hsv(float hue, float saturation, float value);
+/** Hue, saturation and value between those of two corners. */
+struct v3 sim_hsv_in(struct rng *r, struct v3 lo, struct v3 hi);
 
 /** A material whose pattern repeats about every `period_m`. */
 struct material sim_material(struct rng *r, enum texture_kind texture, float period_m);

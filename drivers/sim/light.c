@@ -56,9 +56,8 @@ void sim_lights_indoor(struct dio_sim_scene *s, struct rng *r)
 void sim_lights_outdoor(struct dio_sim_scene *s, struct rng *r)
 {
 	float overcast = rng_unit(r), sun = 1 - smooth_step(0.3f, 0.8f, overcast);
-	struct v3 sky =
-		sim_hsv(rng_in(r, 0.54f, 0.64f), rng_in(r, 0.2f, 0.65f) * (0.3f + 0.7f * sun),
-			rng_in(r, 0.6f, 0.95f));
+	float blue = 0.3f + 0.7f * sun;
+	struct v3 sky = sim_hsv_in(r, v3(0.54f, 0.2f * blue, 0.6f), v3(0.64f, 0.65f * blue, 0.95f));
 	float grey = rng_in(r, 0.5f, 0.95f);
 
 	s->sky[0] = v3_mix(sky, v3(grey, grey, grey), 0.7f);

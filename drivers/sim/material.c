@@ -15,21 +15,27 @@ struct v3 sim_hsv(float hue, float saturation, float value)
 	return v3(srgb_decode(rgb.x + m), srgb_decode(rgb.y + m), srgb_decode(rgb.z + m));
 }
 
+struct v3 sim_hsv_in(struct rng *r, struct v3 lo, struct v3 hi)
+{
+	struct v3 c = rng_box(r, lo, hi);
+
+	return sim_hsv(c.x, c.y, c.z);
+}
+
 struct v3 sim_colour_wood(struct rng *r)
 {
-	return sim_hsv(rng_in(r, 0.04f, 0.12f), rng_in(r, 0.25f, 0.7f), rng_in(r, 0.25f, 0.85f));
+	return sim_hsv_in(r, v3(0.04f, 0.25f, 0.25f), v3(0.12f, 0.7f, 0.85f));
 }
 
 struct v3 sim_colour_neutral(struct rng *r)
 {
-	float value = rng_unit(r);
 
-	return sim_hsv(rng_unit(r), 0.12f * rng_unit(r), 0.12f + 0.83f * value);
+	return sim_hsv_in(r, v3(0, 0, 0.12f), v3(1, 0.12f, 0.95f));
 }
 
 struct v3 sim_colour_vivid(struct rng *r)
 {
-	return sim_hsv(rng_unit(r), rng_in(r, 0.55f, 0.95f), rng_in(r, 0.35f, 0.95f));
+	return sim_hsv_in(r, v3(0, 0.55f, 0.35f), v3(1, 0.95f, 0.95f));
 }
 
 struct v3 sim_colour_any(struct rng *r)
@@ -41,14 +47,12 @@ struct v3 sim_colour_any(struct rng *r)
 	if (kind < 0.45f)
 		return sim_colour_wood(r);
 	if (kind < 0.60f) /* near white, near black */
-		return sim_hsv(rng_unit(r), 0.1f * rng_unit(r),
-			       rng_chance(r, 0.6f) ? rng_in(r, 0.8f, 0.95f)
-						   : rng_in(r, 0.06f, 0.2f));
+		return rng_chance(r, 0.6f) ? sim_hsv_in(r, v3(0, 0, 0.8f), v3(1, 0.1f, 0.95f))
+					   : sim_hsv_in(r, v3(0, 0, 0.06f), v3(1, 0.1f, 0.2f));
 	if (kind < 0.75f) /* muted */
-		return sim_hsv(rng_unit(r), rng_in(r, 0.15f, 0.5f), rng_in(r, 0.25f, 0.8f));
+		return sim_hsv_in(r, v3(0, 0.15f, 0.25f), v3(1, 0.5f, 0.8f));
 	if (kind < 0.82f) /* leaves */
-		return sim_hsv(rng_in(r, 0.2f, 0.38f), rng_in(r, 0.3f, 0.8f),
-			       rng_in(r, 0.2f, 0.65f));
+		return sim_hsv_in(r, v3(0.2f, 0.3f, 0.2f), v3(0.38f, 0.8f, 0.65f));
 	return sim_colour_vivid(r);
 }
 
@@ -145,8 +149,8 @@ struct material sim_material_floor(struct rng *r, float size_m)
 		TEX_NOISE,    TEX_NOISE,  TEX_TILES, TEX_TILES, TEX_CELLS,   TEX_WEAVE, TEX_MARBLE,
 		TEX_BLOTCHES, TEX_CHECKS, TEX_MOTIF, TEX_DOTS,	TEX_STRIPES,
 	};
-	struct material m = sim_material(r, kinds[rng_below(r, sizeof(kinds))],
-					 size_m * rng_in(r, 0.05f, 0.35f));
+	enum texture_kind kind = kinds[rng_below(r, sizeof(kinds))];
+	struct material m = sim_material(r, kind, size_m * rng_in(r, 0.05f, 0.35f));
 
 	/* Floors are calmer than what stands on them, and seldom of a strong colour. */
 	for (int i = 0; i < 4; i++) {
@@ -166,11 +170,11 @@ struct material sim_material_wall(struct rng *r, float size_m)
 		TEX_PLAIN, TEX_PLAIN, TEX_PLAIN, TEX_PLAIN,   TEX_NOISE, TEX_MOTIF,
 		TEX_TILES, TEX_TILES, TEX_WOOD,	 TEX_STRIPES, TEX_CELLS,
 	};
-	struct material m = sim_material(r, kinds[rng_below(r, sizeof(kinds))],
-					 size_m * rng_in(r, 0.05f, 0.2f));
+	enum texture_kind kind = kinds[rng_below(r, sizeof(kinds))];
+	struct material m = sim_material(r, kind, size_m * rng_in(r, 0.05f, 0.2f));
 
 	if (m.texture == TEX_PLAIN && rng_chance(r, 0.7f)) {
-		m.colour[0] = sim_hsv(rng_unit(r), 0.15f * rng_unit(r), rng_in(r, 0.6f, 0.92f));
+		m.colour[0] = sim_hsv_in(r, v3(0, 0, 0.6f), v3(1, 0.15f, 0.92f));
 		m.specular = 0;
 		m.reflects = false;
 	}

@@ -88,11 +88,10 @@ static float book_stack(struct builder *b, float s)
 	float z = 0;
 
 	for (uint32_t i = 0; i < count; i++) {
-		struct material m = sim_material(r,
-						 rng_chance(r, 0.6f)   ? TEX_PRINT
-						 : rng_chance(r, 0.5f) ? TEX_PICTURE
-								       : TEX_PLAIN,
-						 s * rng_in(r, 0.1f, 0.4f));
+		enum texture_kind kind = rng_chance(r, 0.6f)   ? TEX_PRINT
+					 : rng_chance(r, 0.5f) ? TEX_PICTURE
+							       : TEX_PLAIN;
+		struct material m = sim_material(r, kind, s * rng_in(r, 0.1f, 0.4f));
 		float x = s * rng_in(r, 0.6f, 0.95f), thick = s * rng_in(r, 0.03f, 0.14f);
 
 		sim_add_turned(b, SHAPE_BOX, v3(0, 0, z + thick), v3(x, 0.72f * x, thick), 0,
@@ -113,10 +112,11 @@ static float plate(struct builder *b, float s)
 	for (uint32_t i = 0; i < pieces; i++) {
 		float size = s * rng_in(r, 0.12f, 0.3f);
 
-		sim_add(b, rng_chance(r, 0.5f) ? SHAPE_ELLIPSOID : SHAPE_PEBBLE,
-			v3(rng_in(r, -0.4f, 0.4f) * s, rng_in(r, -0.4f, 0.4f) * s,
-			   2 * high + 0.8f * size),
-			v3(size, size, 0.8f * size), 0.1f, &food);
+		enum shape shape = rng_chance(r, 0.5f) ? SHAPE_ELLIPSOID : SHAPE_PEBBLE;
+		struct v3 at = rng_about(r, 0.4f * s, 0.4f * s, 0);
+
+		at.z = 2 * high + 0.8f * size;
+		sim_add(b, shape, at, v3(size, size, 0.8f * size), 0.1f, &food);
 	}
 	return 0.85f * s;
 }
@@ -124,10 +124,9 @@ static float plate(struct builder *b, float s)
 static float fruit(struct builder *b, float s)
 {
 	struct rng *r = b->rng;
-	struct material m = sim_material(r, rng_chance(r, 0.5f) ? TEX_NOISE : TEX_BLOTCHES,
-					 s * rng_in(r, 0.2f, 0.8f));
-	struct v3 skin =
-		sim_hsv(rng_in(r, -0.03f, 0.3f), rng_in(r, 0.6f, 0.9f), rng_in(r, 0.5f, 0.95f));
+	enum texture_kind kind = rng_chance(r, 0.5f) ? TEX_NOISE : TEX_BLOTCHES;
+	struct material m = sim_material(r, kind, s * rng_in(r, 0.2f, 0.8f));
+	struct v3 skin = sim_hsv_in(r, v3(-0.03f, 0.6f, 0.5f), v3(0.3f, 0.9f, 0.95f));
 
 	for (int i = 0; i < 3; i++)
 		m.colour[i] = v3_mix(skin, m.colour[i], i == 0 ? 0 : 0.25f);
@@ -188,10 +187,12 @@ static float assembly(struct builder *b, float s)
 	for (uint32_t i = 0; i < parts; i++) {
 		enum shape shape = shapes[rng_below(r, 10)];
 		float q = s * rng_in(r, 0.08f, 0.3f);
-		struct v3 at = v3(rng_in(r, -0.7f, 0.7f) * s, rng_in(r, -0.45f, 0.45f) * s,
-				  rng_in(r, 0.2f, 0.9f) * s);
-		struct v3 half = v3(q, q * rng_in(r, 0.3f, 1), q * rng_in(r, 0.3f, 1.5f));
+		struct v3 at = rng_box(r, v3(-0.7f * s, -0.45f * s, 0.2f * s),
+				       v3(0.7f * s, 0.45f * s, 0.9f * s));
+		struct v3 half = rng_box(r, v3(q, 0.3f * q, 0.3f * q), v3(q, q, 1.5f * q));
 		float turn = 0.25f * (float)rng_below(r, 4);
+		float pitch = 0.25f * (float)rng_below(r, 4);
+		float roll = rng_chance(r, 0.2f) ? rng_unit(r) : 0;
 		float extra = 0.2f * minf(half.x, minf(half.y, half.z));
 
 		if (shape == SHAPE_FRUSTUM)
@@ -202,9 +203,7 @@ static float assembly(struct builder *b, float s)
 		}
 		if (shape == SHAPE_PEBBLE)
 			extra = 0.12f;
-		sim_add_turned(b, shape, at, half, extra,
-			       sim_tumbled(turn, 0.25f * (float)rng_below(r, 4),
-					   rng_chance(r, 0.2f) ? rng_unit(r) : 0),
+		sim_add_turned(b, shape, at, half, extra, sim_tumbled(turn, pitch, roll),
 			       &paint[rng_below(r, 3)]);
 	}
 	return 0.9f * s;
@@ -243,11 +242,10 @@ static float house(struct builder *b, float s)
 static float flat(struct builder *b, float s)
 {
 	struct rng *r = b->rng;
-	struct material m = sim_material(r,
-					 rng_chance(r, 0.6f)   ? TEX_PICTURE
-					 : rng_chance(r, 0.6f) ? TEX_PRINT
-							       : TEX_MOTIF,
-					 s * rng_in(r, 0.1f, 0.8f));
+	enum texture_kind kind = rng_chance(r, 0.6f)   ? TEX_PICTURE
+				 : rng_chance(r, 0.6f) ? TEX_PRINT
+						       : TEX_MOTIF;
+	struct material m = sim_material(r, kind, s * rng_in(r, 0.1f, 0.8f));
 	float x = s * rng_in(r, 0.5f, 1), y = s * rng_in(r, 0.4f, 0.8f),
 	      thick = rng_chance(r, 0.6f) ? 0.006f * s : 0.05f * s;
 
@@ -275,10 +273,12 @@ static float sticks(struct builder *b, float s)
 	for (uint32_t i = 0; i < count; i++) {
 		struct material m = sim_material_any(r, 0.3f * s);
 		float thin = s * rng_in(r, 0.02f, 0.06f);
-		struct v3 at = v3(rng_in(r, -0.3f, 0.3f) * s, rng_in(r, -0.3f, 0.3f) * s, thin);
+		struct v3 at = rng_about(r, 0.3f * s, 0.3f * s, 0);
+		enum shape shape = rng_chance(r, 0.5f) ? SHAPE_CYLINDER : SHAPE_BOX;
+		float length = s * rng_in(r, 0.5f, 0.9f);
 
-		sim_add_turned(b, rng_chance(r, 0.5f) ? SHAPE_CYLINDER : SHAPE_BOX, at,
-			       v3(thin, thin, s * rng_in(r, 0.5f, 0.9f)), 0,
+		at.z = thin;
+		sim_add_turned(b, shape, at, v3(thin, thin, length), 0,
 			       sim_tumbled(rng_unit(r), 0.25f, 0), &m);
 	}
 	return 0.7f * s;

@@ -150,9 +150,7 @@ static void place_on_path(const struct rig *rig, struct rng *r, float along, str
 	float away = rig->away * (1 + rig->away_span * rng_in(r, -0.5f, 0.5f));
 	struct v3 d;
 
-	*aim = v3_add(rig->aim,
-		      v3_scale(v3(rng_in(r, -1, 1), rng_in(r, -1, 1), rng_in(r, -0.6f, 0.6f)),
-			       rig->aim_jitter));
+	*aim = v3_add(rig->aim, v3_scale(rng_about(r, 1, 1, 0.6f), rig->aim_jitter));
 	if (rig->style == RIG_RING || rig->style == RIG_DOME) {
 		turn += rig->turn_span * u;
 		height += rig->height_span * rng_in(r, -0.5f, 0.5f);

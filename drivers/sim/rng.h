@@ -67,6 +67,24 @@ DIO_SIM_FN float rng_in(struct rng *r, float lo, float hi)
 	return lo + (hi - lo) * rng_unit(r);
 }
 
+/* Throws within one list of arguments come in no fixed order: every compiler would build another
+ * scene. These make several in order. */
+DIO_SIM_FN struct v3 rng_box(struct rng *r, struct v3 lo, struct v3 hi)
+{
+	struct v3 p;
+
+	p.x = rng_in(r, lo.x, hi.x);
+	p.y = rng_in(r, lo.y, hi.y);
+	p.z = rng_in(r, lo.z, hi.z);
+	return p;
+}
+
+/* Within a box about the origin. */
+DIO_SIM_FN struct v3 rng_about(struct rng *r, float x, float y, float z)
+{
+	return rng_box(r, v3(-x, -y, -z), v3(x, y, z));
+}
+
 DIO_SIM_FN uint32_t rng_below(struct rng *r, uint32_t n)
 {
 	return (uint32_t)(((uint64_t)rng_u32(r) * n) >> 32);

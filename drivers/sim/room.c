@@ -22,7 +22,7 @@ static void hang_on_wall(struct dio_sim_scene *s, struct rng *r)
 		z = lo.z + h;
 	}
 	half = on_x ? v3(d, w, h) : v3(w, d, h);
-	at = v3(rng_in(r, lo.x + w, hi.x - w), rng_in(r, lo.y + w, hi.y - w), z);
+	at = rng_box(r, v3(lo.x + w, lo.y + w, z), v3(hi.x - w, hi.y - w, z));
 	if (on_x)
 		at.x = high ? hi.x : lo.x;
 	else
@@ -91,7 +91,7 @@ void sim_build_room(struct dio_sim_scene *s, struct rng *r)
 	if (rng_chance(r, 0.5f))
 		s->wall[rng_below(r, 4)] = sim_material_wall(r, 3);
 	s->wall[4] = sim_material_floor(r, 4);
-	s->wall[5] = sim_material_plain(sim_hsv(rng_unit(r), 0.05f, rng_in(r, 0.7f, 0.95f)));
+	s->wall[5] = sim_material_plain(sim_hsv_in(r, v3(0, 0.05f, 0.7f), v3(1, 0.05f, 0.95f)));
 	s->focus = v3(0, 0, rng_in(r, 0.6f, 1.2f));
 	s->extent = 0.75f * minf(half_x, half_y);
 	sim_lights_indoor(s, r);
@@ -116,9 +116,9 @@ void sim_build_room(struct dio_sim_scene *s, struct rng *r)
 		hang_on_wall(s, r);
 	for (uint32_t i = 0; i < large; i++)
 		furnish(s, r);
-	for (uint32_t i = 0; i < small; i++)
-		sim_object_add(
-			s, r,
-			v3(rng_in(r, -0.85f, 0.85f) * half_x, rng_in(r, -0.85f, 0.85f) * half_y, 0),
-			rng_in(r, 0.12f, 0.45f));
+	for (uint32_t i = 0; i < small; i++) {
+		struct v3 at = rng_about(r, 0.85f * half_x, 0.85f * half_y, 0);
+
+		sim_object_add(s, r, at, rng_in(r, 0.12f, 0.45f));
+	}
 }

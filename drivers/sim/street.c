@@ -90,6 +90,7 @@ void sim_build_street(struct dio_sim_scene *s, struct rng *r)
 {
 	float half = rng_in(r, 3, 7);
 	uint32_t clutter = 2 + rng_below(r, 6);
+	struct v3 at;
 
 	s->extent = 0.8f * half;
 	s->focus = v3(0, 0, rng_in(r, 1, 2.2f));
@@ -100,14 +101,16 @@ void sim_build_street(struct dio_sim_scene *s, struct rng *r)
 	sim_lights_outdoor(s, r);
 	/* One front ahead; a wing on either side in some, so that courts and corners appear. The
 	 * cameras stand at negative y. */
-	add_front(s, r, v3(0, rng_in(r, 1.5f, 4), 0), rng_in(r, -0.03f, 0.03f), half);
+	at = v3(0, rng_in(r, 1.5f, 4), 0);
+	add_front(s, r, at, rng_in(r, -0.03f, 0.03f), half);
 	if (rng_chance(r, 0.5f))
 		add_front(s, r, v3(-half, 0, 0), 0.25f, 0.8f * half);
 	if (rng_chance(r, 0.4f))
 		add_front(s, r, v3(half, 0, 0), -0.25f, 0.8f * half);
 	if (rng_chance(r, 0.5f))
-		add_monument(s, r, v3(rng_in(r, -1, 1), rng_in(r, -0.5f, 0.5f), 0));
-	for (uint32_t i = 0; i < clutter; i++)
-		sim_object_add(s, r, v3(rng_in(r, -0.8f, 0.8f) * half, rng_in(r, -1.2f, 1), 0),
-			       rng_in(r, 0.3f, 1.1f));
+		add_monument(s, r, rng_about(r, 1, 0.5f, 0));
+	for (uint32_t i = 0; i < clutter; i++) {
+		at = rng_box(r, v3(-0.8f * half, -1.2f, 0), v3(0.8f * half, 1, 0));
+		sim_object_add(s, r, at, rng_in(r, 0.3f, 1.1f));
+	}
 }

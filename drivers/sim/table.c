@@ -79,8 +79,10 @@ static void add_room_around(struct dio_sim_scene *s, struct rng *r)
 	float far = maxf(1.2f, 3.5f * s->extent);
 
 	s->surround = SURROUND_ROOM;
-	s->room_lo = v3(-far * rng_in(r, 1, 2.2f), -far * rng_in(r, 1, 2.2f), s->ground_z);
-	s->room_hi = v3(far * rng_in(r, 1, 2.2f), far * rng_in(r, 1, 2.2f), s->ground_z + 2.6f);
+	s->room_lo = v3_scale(rng_box(r, v3(1, 1, 0), v3(2.2f, 2.2f, 0)), -far);
+	s->room_lo.z = s->ground_z;
+	s->room_hi = v3_scale(rng_box(r, v3(1, 1, 0), v3(2.2f, 2.2f, 0)), far);
+	s->room_hi.z = s->ground_z + 2.6f;
 	for (int i = 0; i < 6; i++)
 		s->wall[i] = walls;
 	if (rng_chance(r, 0.3f))
@@ -96,8 +98,9 @@ static void add_room_around(struct dio_sim_scene *s, struct rng *r)
 		struct builder b;
 
 		half = on_x ? v3(d, w, h) : v3(w, d, h);
-		at = v3(rng_in(r, lo.x + w, hi.x - w), rng_in(r, lo.y + w, hi.y - w),
-			rng_chance(r, 0.5f) ? lo.z + h : rng_in(r, -0.2f, 0.8f));
+		at = rng_box(r, v3(lo.x + w, lo.y + w, -0.2f), v3(hi.x - w, hi.y - w, 0.8f));
+		if (rng_chance(r, 0.5f))
+			at.z = lo.z + h;
 		if (on_x)
 			at.x = high ? hi.x - d : lo.x + d;
 		else
@@ -114,8 +117,8 @@ static void add_backdrop(struct dio_sim_scene *s, struct rng *r)
 	float value = rng_in(r, 0.1f, 0.9f);
 
 	s->surround = SURROUND_SKY;
-	s->sky[0] = sim_hsv(rng_unit(r), 0.3f * rng_unit(r), value);
-	s->sky[1] = sim_hsv(rng_unit(r), 0.3f * rng_unit(r), value * rng_in(r, 0.6f, 1.1f));
+	s->sky[0] = sim_hsv_in(r, v3(0, 0, value), v3(1, 0.3f, value));
+	s->sky[1] = sim_hsv_in(r, v3(0, 0, 0.6f * value), v3(1, 0.3f, 1.1f * value));
 	s->sky[2] = s->sky[0];
 }
 
@@ -125,6 +128,7 @@ void sim_build_table(struct dio_sim_scene *s, struct rng *r, bool clear_board)
 	float board_r =
 		sqrtf(s->paper_half_x * s->paper_half_x + s->paper_half_y * s->paper_half_y);
 	float around = rng_unit(r), size;
+	struct v3 half;
 	uint32_t count = rng_chance(r, 0.2f) ? 1 + rng_below(r, 2) : 3 + rng_below(r, 9);
 
 	s->extent = maxf(rng_in(r, 0.16f, 0.4f), 1.15f * board_r);
@@ -138,7 +142,8 @@ void sim_build_table(struct dio_sim_scene *s, struct rng *r, bool clear_board)
 
 	if (around < 0.55f) {
 		add_room_around(s, r);
-		add_table(s, r, s->extent * rng_in(r, 1.6f, 4), s->extent * rng_in(r, 1.4f, 3));
+		half = rng_box(r, v3(1.6f, 1.4f, 0), v3(4, 3, 0));
+		add_table(s, r, s->extent * half.x, s->extent * half.y);
 		sim_lights_indoor(s, r);
 	} else {
 		s->has_ground = true;

@@ -36,6 +36,5 @@ void sim_build_turntable(struct dio_sim_scene *s, struct rng *r)
 	}
 	sim_lights_indoor(s, r);
 	for (uint32_t i = 0; i < count; i++)
-		sim_object_add(s, r, v3(rng_in(r, -spread, spread), rng_in(r, -spread, spread), 0),
-			       size);
+		sim_object_add(s, r, rng_about(r, spread, spread, 0), size);
 }
