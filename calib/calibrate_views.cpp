@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <set>
+#include <unordered_map>
 
 #include <opencv2/calib3d.hpp>
 
@@ -103,16 +104,20 @@ int find_duplicate(const Views &views, const View &view, cv::Size size)
 {
 	/* Half a percent of the picture's diagonal: a camera on a table, not a new viewpoint. */
 	double still_px = 0.005 * std::hypot(size.width, size.height);
+	std::unordered_map<uint32_t, cv::Point2f> places;
+	for (size_t i = 0; i < view.ids.size(); i++)
+		places[view.ids[i]] = view.image[i];
 	for (const View &other : views) {
 		double sum = 0;
 		size_t common = 0;
-		for (size_t i = 0; i < view.board.size(); i++)
-			for (size_t j = 0; j < other.board.size(); j++)
-				if (view.board[i] == other.board[j]) {
-					cv::Point2d moved = view.image[i] - other.image[j];
-					sum += moved.dot(moved);
-					common++;
-				}
+		for (size_t i = 0; i < other.ids.size(); i++) {
+			auto place = places.find(other.ids[i]);
+			if (place == places.end())
+				continue;
+			cv::Point2d moved = place->second - other.image[i];
+			sum += moved.dot(moved);
+			common++;
+		}
 		bool same_part = 5 * common >= 4 * std::max(view.board.size(), other.board.size());
 		if (same_part && std::sqrt(sum / double(common)) < still_px)
 			return int(other.index);

@@ -43,6 +43,7 @@ View view_of(const dio_corners &corners)
 		if (!std::isfinite(pixel[0]) || !std::isfinite(pixel[1]))
 			fail(DIO_BAD_ARG, "corners: corner %u of %u is not finite", i,
 			     corners.count);
+		view.ids.push_back(corners.ids[i]);
 		view.board.emplace_back(float(place[0]), float(place[1]), float(place[2]));
 		view.image.emplace_back(pixel[0], pixel[1]);
 	}

@@ -25,6 +25,7 @@ void check_model(const dio_camera_model &model, const char *what);
 
 /** Corners of one picture in OpenCV's form. */
 struct View {
+	std::vector<uint32_t> ids;
 	std::vector<cv::Point3f> board;
 	std::vector<cv::Point2f> image;
 	size_t index = 0; /* of the picture */
