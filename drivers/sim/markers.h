@@ -3,14 +3,14 @@
 #ifndef DIO_SIM_MARKERS_H
 #define DIO_SIM_MARKERS_H
 
-#include <stdint.h>
+#include "vec.h"
 
 enum {
 	SIM_MARKER_COUNT = 250,
 	SIM_MARKER_SIDE = 6,
 };
 
-static const uint64_t sim_markers[SIM_MARKER_COUNT] = {
+DIO_SIM_CONST uint64_t sim_markers[SIM_MARKER_COUNT] = {
 	0x1e3dd82a6ull, 0x0efba3891ull, 0x15907eacdull, 0xc91b3069eull, 0xd607d6e15ull,
 	0xd8e8e0e68ull, 0x4268b41f5ull, 0x88a50f29aull, 0x307d524fdull, 0x3c2f34b3cull,
 	0x45dfc74e3ull, 0x48d85b257ull, 0x710558fc6ull, 0x86dcfad07ull, 0x8d72a93f6ull,

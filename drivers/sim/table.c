@@ -131,7 +131,11 @@ void sim_build_table(struct dio_sim_scene *s, struct rng *r, bool clear_board)
 	struct v3 half;
 	uint32_t count = rng_chance(r, 0.2f) ? 1 + rng_below(r, 2) : 3 + rng_below(r, 9);
 
-	s->extent = maxf(rng_in(r, 0.16f, 0.4f), 1.15f * board_r);
+	s->extent = rng_in(r, 0.16f, 0.4f);
+	if (board_r > 0) /* the board fills a good part of the picture */
+		s->extent = clampf(s->extent, 1.05f * board_r, 1.3f * board_r);
+	if (clear_board) /* and there is something around it to look at */
+		count = 5 + count / 2;
 	s->focus = v3(0, 0, 0.1f * s->extent);
 	s->ground_z = -rng_in(r, 0.45f, 0.8f);
 	size = s->extent * rng_in(r, 0.28f, 0.5f);
@@ -139,6 +143,8 @@ void sim_build_table(struct dio_sim_scene *s, struct rng *r, bool clear_board)
 		size *= 0.75f;
 	if (count < 3) /* a close look */
 		size *= 1.3f;
+	if (clear_board) /* what stands before the board should not hide it */
+		size *= 0.65f;
 
 	if (around < 0.55f) {
 		add_room_around(s, r);

@@ -10,9 +10,11 @@
 #include <stdint.h>
 
 #ifdef __CUDACC__
-#define DIO_SIM_FN __host__ __device__ static inline
+#define DIO_SIM_FN    __host__ __device__ static inline
+#define DIO_SIM_CONST static __device__ const
 #else
-#define DIO_SIM_FN static inline
+#define DIO_SIM_FN    static inline
+#define DIO_SIM_CONST static const
 #endif
 
 #define SIM_PI 3.14159265f
