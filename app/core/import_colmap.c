@@ -324,7 +324,7 @@ static enum dio_status read_model(const char *folder, const char *pictures,
 	if (status == DIO_OK)
 		status = read_images(images_path, &cameras, pictures, scene, error);
 	/* COLMAP lists pictures in the order it registered them. */
-	if (status == DIO_OK)
+	if (status == DIO_OK && scene->frame_count > 0)
 		qsort(scene->frames, scene->frame_count, sizeof *scene->frames, compare_frames);
 	if (status == DIO_OK)
 		status = dio_scene_file_check(scene, images_path, error);

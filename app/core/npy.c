@@ -11,6 +11,8 @@
 #define HEADER_BYTES 128 /* a multiple of 64, as the format asks */
 #define PREFIX_BYTES 10	 /* magic, version, length of the dictionary */
 
+static const char MAGIC[8] = {'\x93', 'N', 'U', 'M', 'P', 'Y', 1, 0};
+
 struct dio_npy {
 	struct dio_atomic_file *file;
 	char *path; /* for messages */
@@ -24,7 +26,7 @@ static void make_header(char header[HEADER_BYTES], uint32_t count, uint32_t heig
 	int dictionary_bytes = HEADER_BYTES - PREFIX_BYTES, used;
 
 	memset(header, ' ', HEADER_BYTES);
-	memcpy(header, "\x93NUMPY\x01\x00", 8);
+	memcpy(header, MAGIC, sizeof MAGIC);
 	header[8] = (char)(dictionary_bytes & 0xff);
 	header[9] = (char)(dictionary_bytes >> 8);
 	used = snprintf(header + PREFIX_BYTES, (size_t)dictionary_bytes,

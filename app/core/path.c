@@ -46,6 +46,8 @@ static size_t common_length(const char *a, const char *b)
 	return same;
 }
 
+static const char UP[3] = {'.', '.', '/'};
+
 char *dio_path_relative(const char *folder, const char *to)
 {
 	char *from = realpath(folder, NULL), *target = realpath(to, NULL), *relative = NULL;
@@ -58,11 +60,13 @@ char *dio_path_relative(const char *folder, const char *to)
 			ups += *at == '/' && at[1] != '\0';
 		const char *rest = target + same + (target[same] == '/');
 
-		relative = calloc(1, 3 * ups + strlen(rest) + 1);
+		relative = calloc(1, ups * sizeof UP + strlen(rest) + 1);
 		if (relative) {
+			char *at = relative;
+
 			for (size_t i = 0; i < ups; i++)
-				memcpy(relative + 3 * i, "../", 3);
-			memcpy(relative + 3 * ups, rest, strlen(rest));
+				at = mempcpy(at, UP, sizeof UP);
+			mempcpy(at, rest, strlen(rest));
 		}
 	}
 	free(from);

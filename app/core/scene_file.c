@@ -171,10 +171,13 @@ enum dio_status dio_scene_file_check(const struct dio_scene_file *scene, const c
 	return DIO_OK;
 }
 
-static bool same_camera(const struct dio_camera_model *a, const struct dio_camera_model *b)
+bool dio_camera_model_equal(const struct dio_camera_model *a, const struct dio_camera_model *b)
 {
+	for (int i = 0; i < 5; i++)
+		if (a->dist[i] != b->dist[i])
+			return false;
 	return a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy &&
-	       a->cx == b->cx && a->cy == b->cy && memcmp(a->dist, b->dist, sizeof a->dist) == 0;
+	       a->cx == b->cx && a->cy == b->cy;
 }
 
 static cJSON *make_frame(const struct dio_scene_frame *frame, const struct dio_camera_model *common)
@@ -187,7 +190,7 @@ static cJSON *make_frame(const struct dio_scene_frame *frame, const struct dio_c
 				frame->role == DIO_ROLE_TARGET ? "target" : "context");
 	cJSON_AddItemToObject(object, "world_from_camera",
 			      cJSON_CreateDoubleArray(frame->pose.world_from_camera, 16));
-	if (!same_camera(&frame->camera, common))
+	if (!dio_camera_model_equal(&frame->camera, common))
 		cJSON_AddItemToObject(object, "camera", dio_json_camera(&frame->camera));
 	return object;
 }

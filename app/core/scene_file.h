@@ -66,6 +66,9 @@ enum dio_status dio_scene_file_append(struct dio_scene_file *scene, const char *
 				      const struct dio_camera_model *camera,
 				      const struct dio_pose *pose, struct dio_error *error);
 
+/** The same size, intrinsics and distortion to the last bit. */
+bool dio_camera_model_equal(const struct dio_camera_model *a, const struct dio_camera_model *b);
+
 /** Number of frames with a role. */
 uint32_t dio_scene_file_count(const struct dio_scene_file *scene, enum dio_scene_role role);
 

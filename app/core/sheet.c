@@ -13,9 +13,32 @@
 
 static const uint8_t PAPER[3] = {24, 24, 26}, INK[3] = {235, 235, 235}, FAINT[3] = {170, 170, 175};
 
+/* A picture's size in its cell: the longer side takes all of it. */
+static void fit(const struct dio_picture *picture, uint32_t cell_px, uint32_t *width,
+		uint32_t *height)
+{
+	double scale = cell_px / fmax(picture->width, picture->height);
+
+	*width = (uint32_t)fmax(1, floor(picture->width * scale + 0.5));
+	*height = (uint32_t)fmax(1, floor(picture->height * scale + 0.5));
+}
+
+static uint32_t cell_height(const struct dio_sheet_row *row, uint32_t cell_px)
+{
+	uint32_t highest = 0, width, height;
+
+	for (uint32_t i = 0; i < row->count; i++) {
+		if (!row->pictures[i] || !row->pictures[i]->rgb)
+			continue;
+		fit(row->pictures[i], cell_px, &width, &height);
+		highest = height > highest ? height : highest;
+	}
+	return highest ? highest : cell_px;
+}
+
 static uint32_t row_height(const struct dio_sheet_row *row, uint32_t cell_px)
 {
-	return GAP_PX + (*row->title ? TITLE_SCALE * LINE_DOTS : 0) + cell_px +
+	return GAP_PX + (*row->title ? TITLE_SCALE * LINE_DOTS : 0) + cell_height(row, cell_px) +
 	       (row->captions ? CAPTION_SCALE * LINE_DOTS : 0);
 }
 
@@ -48,19 +71,19 @@ static void sample(const struct dio_picture *from, double x0, double x1, double 
 		}
 	}
 	for (int c = 0; c < 3; c++)
-		out[c] = area > 0 ? (uint8_t)(sum[c] / area + 0.5) : 0;
+		out[c] = area > 0 ? (uint8_t)lround(sum[c] / area) : 0;
 }
 
-/* Fit a picture into the cell whose corner is (left, top), centred. */
+/* Draw a picture in the middle of the cell whose corner is (left, top). */
 static void place_picture(struct dio_picture *sheet, const struct dio_picture *from, uint32_t left,
-			  uint32_t top, uint32_t cell_px)
+			  uint32_t top, uint32_t cell_px, uint32_t cell_high)
 {
 	double step = fmax(from->width, from->height) / (double)cell_px;
-	uint32_t width = (uint32_t)fmax(1, floor(from->width / step + 0.5));
-	uint32_t height = (uint32_t)fmax(1, floor(from->height / step + 0.5));
+	uint32_t width, height;
 
+	fit(from, cell_px, &width, &height);
 	left += (cell_px - width) / 2;
-	top += (cell_px - height) / 2;
+	top += (cell_high - height) / 2;
 	for (uint32_t y = 0; y < height; y++)
 		for (uint32_t x = 0; x < width; x++)
 			sample(from, x * step, (x + 1) * step, y * step, (y + 1) * step,
@@ -70,7 +93,7 @@ static void place_picture(struct dio_picture *sheet, const struct dio_picture *f
 static void draw_row(struct dio_picture *sheet, const struct dio_sheet_row *row, uint32_t top,
 		     uint32_t cell_px)
 {
-	uint32_t y = top + GAP_PX;
+	uint32_t y = top + GAP_PX, cell_high = cell_height(row, cell_px);
 
 	if (*row->title) {
 		dio_text_draw(sheet, GAP_PX, (int32_t)y, TITLE_SCALE, INK, row->title);
@@ -80,10 +103,10 @@ static void draw_row(struct dio_picture *sheet, const struct dio_sheet_row *row,
 		uint32_t x = GAP_PX + i * (cell_px + GAP_PX);
 
 		if (row->pictures[i] && row->pictures[i]->rgb)
-			place_picture(sheet, row->pictures[i], x, y, cell_px);
+			place_picture(sheet, row->pictures[i], x, y, cell_px, cell_high);
 		if (row->captions && row->captions[i])
-			dio_text_draw(sheet, (int32_t)x, (int32_t)(y + cell_px + 2), CAPTION_SCALE,
-				      FAINT, row->captions[i]);
+			dio_text_draw(sheet, (int32_t)x, (int32_t)(y + cell_high + 2),
+				      CAPTION_SCALE, FAINT, row->captions[i]);
 	}
 }
 

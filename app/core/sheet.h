@@ -15,7 +15,8 @@ struct dio_sheet_row {
 };
 
 /**
- * Draw the sheet. Pictures are fitted into cells of cell_px x cell_px, aspect kept.
+ * Draw the sheet. Pictures are fitted into cells of cell_px x cell_px, aspect kept; a row is as
+ * high as its highest picture.
  *
  * sheet   zero-initialised; release with dio_picture_deinit()
  */

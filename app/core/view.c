@@ -39,7 +39,7 @@ static enum dio_status find_lens(struct lenses *lenses, const struct dio_camera_
 	struct lens *list;
 
 	for (uint32_t i = 0; i < lenses->count; i++) {
-		if (memcmp(&lenses->list[i].model, model, sizeof *model) == 0) {
+		if (dio_camera_model_equal(&lenses->list[i].model, model)) {
 			*found = &lenses->list[i];
 			return DIO_OK;
 		}

@@ -43,7 +43,6 @@ static void eye_reset(const struct dio_orbit *orbit, struct eye *eye)
 static bool eye_move(const struct dio_window_input *input, const struct dio_orbit *orbit,
 		     struct eye *eye)
 {
-	const struct eye before = *eye;
 	double zoom = (double)input->wheel + (double)input->key_zoom;
 
 	if (input->reset)
@@ -61,7 +60,8 @@ static bool eye_move(const struct dio_window_input *input, const struct dio_orbi
 		eye->centre[i] += eye->distance * ((double)input->pan_y * orbit->up[i] -
 						   (double)input->pan_x * right);
 	}
-	return memcmp(&before, eye, sizeof before) != 0;
+	return input->reset || zoom != 0 || input->drag_x != 0 || input->drag_y != 0 ||
+	       input->pan_x != 0 || input->pan_y != 0 || input->key_x != 0 || input->key_y != 0;
 }
 
 static void eye_pose(const struct dio_orbit *fitted, const struct eye *eye, struct dio_pose *pose)

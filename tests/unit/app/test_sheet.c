@@ -38,6 +38,7 @@ static void pictures_stand_in_their_cells_with_their_aspect(void **state)
 	assert_int_equal(at(&sheet, 8, 8 + 16), 200);
 	assert_int_equal(at(&sheet, 8 + 63, 8 + 47), 200);
 	assert_int_not_equal(at(&sheet, 8 + 32, 8 + 14), 200);
+	assert_int_equal(sheet.height, (8 + 64 + 9) + (8 + 18 + 32) + 8);
 	assert_int_equal(at(&sheet, 80, 8), 90);
 	assert_int_equal(at(&sheet, 80 + 63, 8 + 63), 90);
 	dio_picture_deinit(&sheet);
