@@ -6,12 +6,12 @@
 #include "viewpoint.h"
 
 /* Field of view across the short side, in turns: mostly phones and cameras, some long and some
- * wide lenses. */
-static float draw_field_of_view(struct rng *r)
+ * wide lenses; things on turntables are often taken from afar. */
+static float draw_field_of_view(struct rng *r, bool turntable)
 {
 	float kind = rng_unit(r), degrees;
 
-	if (kind < 0.25f)
+	if (kind < (turntable ? 0.55f : 0.25f))
 		degrees = rng_in(r, 17, 32);
 	else if (kind < 0.8f)
 		degrees = rng_in(r, 32, 56);
@@ -54,7 +54,7 @@ static void draw_around(struct rig *rig, struct rng *r, bool turntable)
 
 	rig->style = kind < 0.45f ? RIG_RING : kind < 0.8f ? RIG_DOME : RIG_FORWARD;
 	rig->turn_span = rng_in(r, 0.08f, 0.5f);
-	if (turntable && rng_chance(r, 0.35f))
+	if (turntable && rig->style != RIG_FORWARD && rng_chance(r, 0.8f))
 		rig->turn_span = rng_in(r, 0.5f, 1);
 	rig->height = rng_in(r, 0.03f, 0.17f);
 	if (rng_chance(r, 0.15f)) /* from above */
@@ -65,7 +65,7 @@ static void draw_around(struct rig *rig, struct rng *r, bool turntable)
 struct rig sim_rig_draw(const struct dio_sim_scene *s, struct rng *r, uint32_t width,
 			uint32_t height)
 {
-	float fov = draw_field_of_view(r);
+	float fov = draw_field_of_view(r, s->kind == DIO_SIM_TURNTABLE);
 	float reach = s->extent * cos_turns(0.5f * fov) / sin_turns(0.5f * fov);
 	struct rig rig;
 
