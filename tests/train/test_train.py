@@ -1,0 +1,223 @@
+"""Tests of the trainer: python3 tests/train/test_train.py (exit 77 without PyTorch)."""
+import json
+import os
+import sys
+import tempfile
+import types
+import unittest
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path.insert(0, os.path.join(HERE, "..", "..", "train"))
+
+try:
+    import torch
+except ImportError:
+    torch = None
+
+if torch:
+    import checkpoint
+    import checks
+    import data
+    import geometry
+    import losses
+    import model as dvsm
+    import optim
+    import safetensors_io
+    import train
+
+TINY = {"dim": 32, "heads": 2, "layers": 2, "patch": 4}
+RECIPE = {
+    "model": TINY, "optimiser": "adamw", "lr": 1e-3, "weight_decay": 0.05, "warmup_steps": 2,
+    "schedule": "wsd", "clip": 1.0, "average_decay": 0.99,
+    "stages": [{"mix": {"16/4/4": 0.5, "16/8/4": 0.5}, "context": {"1": 0.5, "3": 0.5},
+                "views": 5, "tokens": 256}],
+}
+
+
+class Smooth:
+    """A generator of easy scenes: colour is a function of the ray."""
+
+    def batch(self, seed, scenes, views, size, options=0):
+        random = torch.Generator().manual_seed(seed)
+        poses = torch.eye(4).repeat(scenes, views, 1, 1)
+        poses[..., :3, 3] = torch.randn(scenes, views, 3, generator=random)
+        tone = torch.rand(scenes, 1, 1, 1, 3, generator=random)
+        pictures = (tone + 0.1 * poses[..., None, None, :3, 3]).clamp(0, 1)
+        pictures = pictures.expand(-1, -1, size[1], size[0], -1).contiguous()
+        intrinsics = torch.tensor([size[0], size[0], size[0] / 2 - 0.5, size[1] / 2 - 0.5])
+        return pictures, poses, intrinsics.repeat(scenes, views, 1)
+
+
+class Counting(Smooth):
+    calls = 0
+
+    def batch(self, *arguments):
+        self.calls += 1
+        return super().batch(*arguments)
+
+
+class Broken(Smooth):
+    def batch(self, seed, *arguments):
+        if seed >= data.FIRST_TRAINING_SEED + 4 * 4096:
+            raise MemoryError("no memory")
+        return super().batch(seed, *arguments)
+
+
+def run_steps(run, generator, count):
+    loss_of, losses_seen = losses.Loss(), []
+    for _ in range(count):
+        step = data.plan(RECIPE, 0, run.step)
+        batch = data.draw(generator, step)
+        lr = optim.learning_rate(run.recipe, run.step, 0.0)
+        losses_seen.append(run.train_step(step, batch, loss_of, lr)[0].item())
+        run.step += 1
+    return losses_seen
+
+
+def make_run(folder, recipe=None, **extra):
+    args = types.SimpleNamespace(seed=0, init=None, out=folder, gradient_checkpointing=False,
+                                 checkpoint_mib=None)
+    vars(args).update(extra)
+    return train.Run(args, recipe or RECIPE, train.Place())
+
+
+@unittest.skipUnless(torch, "PyTorch is not installed")
+class Trainer(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.folder.cleanup)
+        torch.manual_seed(1)
+
+    def path(self, name):
+        return os.path.join(self.folder.name, name)
+
+    def test_exported_weights_come_back_the_same(self):
+        net = dvsm.Dvsm(dvsm.Config(**TINY))
+        dvsm.save(self.path("m.safetensors"), dict(net.named_parameters()), net.config, torch.float32)
+        again = dvsm.load(self.path("m.safetensors"))
+        self.assertEqual(again.config, net.config)
+        for name, weight in net.named_parameters():
+            self.assertTrue(torch.equal(weight, dict(again.named_parameters())[name]), name)
+
+    def test_a_damaged_model_file_is_refused_by_name(self):
+        net = dvsm.Dvsm(dvsm.Config(**TINY))
+        weights = dict(net.named_parameters())
+        dvsm.save(self.path("m.safetensors"), weights, net.config)
+        with open(self.path("m.safetensors"), "rb") as file:
+            whole = file.read()
+        with open(self.path("cut.safetensors"), "wb") as file:
+            file.write(whole[:-100])
+        with self.assertRaisesRegex(ValueError, "to_rgb.weight"):
+            dvsm.load(self.path("cut.safetensors"))
+        weights["final_norm.weight"].data[0] = float("nan")
+        with self.assertRaisesRegex(ValueError, "final_norm.weight"):
+            dvsm.save(self.path("nan.safetensors"), weights, net.config)
+
+    def test_resume_continues_the_same_losses(self):
+        for kind in ("adamw", "muon"):
+            with self.subTest(kind):
+                recipe = dict(RECIPE, optimiser=kind)
+                run = make_run(self.path(kind), recipe)
+                run_steps(run, Smooth(), 4)
+                run.save()
+                want = run_steps(run, Smooth(), 4)
+                got = run_steps(make_run(self.path(kind), recipe), Smooth(), 4)
+                self.assertEqual(want, got)
+
+    def test_resume_from_a_compact_checkpoint_stays_close(self):
+        run = make_run(self.path("run"))
+        run_steps(run, Smooth(), 6)
+        exact = len(safetensors_io.pack(checkpoint.encode(run.state(), "exact")))
+        compact = len(safetensors_io.pack(checkpoint.encode(run.state(), "compact")))
+        self.assertLess(compact, 0.5 * exact)
+        run.args.checkpoint_mib = compact * 1.05 / 2 ** 20
+        run.save()
+        with open(os.path.join(run.folder, "manifest.json"), encoding="utf-8") as file:
+            self.assertEqual(json.load(file)["level"], "compact")
+        want = run_steps(run, Smooth(), 3)
+        got = run_steps(make_run(self.path("run")), Smooth(), 3)
+        for a, b in zip(want, got):
+            self.assertAlmostEqual(a, b, delta=0.01 * abs(a))
+
+    def test_a_damaged_checkpoint_is_refused(self):
+        run = make_run(self.path("run"))
+        run.save()
+        with open(os.path.join(run.folder, "piece-000.bin"), "r+b") as file:
+            file.seek(5000)
+            file.write(b"\xff")
+        with self.assertRaisesRegex(ValueError, "checksum"):
+            make_run(self.path("run"))
+
+    def test_training_lowers_the_loss(self):
+        seen = run_steps(make_run(self.path("run"), dict(RECIPE, lr=5e-3)), Smooth(), 60)
+        self.assertLess(sum(seen[-5:]), 0.5 * sum(seen[:5]))
+
+    def test_gradient_checkpointing_changes_no_loss(self):
+        plain = run_steps(make_run(self.path("a")), Smooth(), 3)
+        frugal = run_steps(make_run(self.path("b"), gradient_checkpointing=True), Smooth(), 3)
+        for a, b in zip(plain, frugal):
+            self.assertAlmostEqual(a, b, places=6)
+
+    def test_moving_turning_and_scaling_the_rig_changes_no_pixel(self):
+        net = dvsm.Dvsm(dvsm.Config(**TINY)).double()
+        pictures, poses, intrinsics = (t.double() for t in Smooth().batch(3, 1, 4, (16, 12)))
+        turn = torch.linalg.qr(torch.randn(3, 3, dtype=torch.float64))[0]
+        turn = turn * torch.linalg.det(turn)
+        moved = poses.clone()
+        moved[..., :3, :3] = turn @ poses[..., :3, :3]
+        moved[..., :3, 3] = 7.5 * (poses[..., :3, 3] @ turn.T) + torch.tensor([3.0, -2, 9])
+        want = net(pictures[:, :3], poses, intrinsics, (16, 12), (4, 4))
+        got = net(pictures[:, :3], moved, intrinsics, (16, 12), (4, 4))
+        self.assertLess((want - got).abs().max().item(), 1e-9)
+
+    def test_resampling_keeps_a_ramp_and_the_mean(self):
+        ramp = torch.arange(12, dtype=torch.float64).view(1, 12, 1).expand(8, 12, 3)
+        small = geometry.resample(ramp, (5, 3))
+        self.assertAlmostEqual(small.mean().item(), ramp.mean().item(), places=12)
+        self.assertAlmostEqual(small[0, 0, 0].item(), (0 + 1 + 0.4 * 2) / 2.4, places=12)
+        self.assertAlmostEqual(geometry.resample(ramp, (24, 8))[0, 5, 0].item(), 2.25, places=12)
+
+    def test_steps_follow_from_seed_and_number_alone(self):
+        plans = [data.plan(RECIPE, 5, n) for n in range(50)]
+        self.assertEqual(plans, [data.plan(RECIPE, 5, n) for n in range(50)])
+        seeds = [p.seed + i for p in plans for i in range(p.scenes())]
+        self.assertEqual(len(seeds), len(set(seeds)))
+        self.assertEqual({p.context for p in plans}, {1, 3})
+        two = [data.plan(RECIPE, 5, 9, rank, 2) for rank in (0, 1)]
+        self.assertNotEqual(two[0].seed, two[1].seed)
+        self.assertEqual(two[0].size, two[1].size)
+        self.assertEqual(two[0].scenes(), two[1].scenes())
+
+    def test_reused_scenes_are_drawn_once_and_seen_in_another_order(self):
+        stage = dict(RECIPE["stages"][0], reuse=3)
+        plans = [data.plan(dict(RECIPE, stages=[stage]), 5, n) for n in range(12)]
+        generator = Counting()
+        loader = data.Loader(generator, iter(plans + [plans[0]] * 40))
+        got = [loader.get() for _ in range(12)]
+        loader.close()
+        self.assertEqual([step for step, _ in got], plans)
+        self.assertLessEqual(generator.calls, 4 + 6)
+        self.assertIs(got[0][1], got[2][1])
+        self.assertEqual(len({p.seed for p in plans}), 4)
+        self.assertGreater(len({p.order for p in plans}), 8)
+
+    def test_loader_hands_out_steps_in_order_and_shows_a_fault(self):
+        steps = [data.plan(RECIPE, 0, n) for n in range(30)]
+        loader = data.Loader(Broken(), iter(steps), threads=2)
+        self.assertEqual([loader.get()[0] for _ in range(4)], steps[:4])
+        with self.assertRaisesRegex(RuntimeError, "generator"):
+            loader.get()
+        loader.close()
+
+    def test_golden_cases_agree(self):
+        shared = os.environ.get("DIO_SHARED_DIR")
+        if not shared or not os.path.isdir(os.path.join(shared, "golden")):
+            self.skipTest("DIO_SHARED_DIR is not set")
+        self.assertEqual(checks.main(os.path.join(shared, "golden")), 0)
+
+
+if __name__ == "__main__":
+    if not torch:
+        print("skipped: PyTorch is not installed (train/requirements.txt)")
+        sys.exit(77)
+    unittest.main()
