@@ -55,7 +55,7 @@ static enum dio_status render_path(struct dio_demo *demo, const struct dio_traje
 	}
 	dio_progress_done(&progress);
 	dio_picture_deinit(&picture);
-	demo->orbit_render_ns = sum_ns / path->count;
+	demo->orbit_render_ns = path->count > 0 ? sum_ns / path->count : 0;
 	return status;
 }
 
