@@ -141,6 +141,7 @@ static void a_pdf_board_is_found_at_its_true_size(void **state)
 		skip();
 	print_page(CHARUCO, "A4", "pdf", &page);
 	expect_true_size(CHARUCO, &page, 54, 28.5);
+	dio_picture_deinit(&page);
 	print_page("charuco:6x8:0.03:0.022:DICT_4X4_50:legacy", "A4", "pdf", &page);
 	expect_true_size("charuco:6x8:0.03:0.022:DICT_4X4_50:legacy", &page, 35, 30);
 	dio_picture_deinit(&page);
