@@ -2,6 +2,7 @@
 
 #include <cairo-pdf.h>
 #include <cairo.h>
+#include <errno.h>
 #include <math.h>
 #include <png.h>
 #include <setjmp.h>
@@ -97,10 +98,29 @@ static cairo_status_t draw_page(cairo_surface_t *surface, const struct dio_board
 	return status;
 }
 
-static cairo_status_t write_to_stream(void *stream, const unsigned char *data, unsigned int length)
+/* A write failed and errno says why: give the file up. */
+static enum dio_status give_up(struct dio_atomic_file *file, const char *path, int errno_value,
+			       struct dio_error *error)
 {
-	return fwrite(data, 1, length, stream) == length ? CAIRO_STATUS_SUCCESS
-							 : CAIRO_STATUS_WRITE_ERROR;
+	dio_atomic_file_discard(file);
+	return dio_fail(error, dio_status_from_errno(errno_value), "%s: cannot write: %s", path,
+			strerror(errno_value));
+}
+
+/* Where cairo's bytes go; it keeps no errno. */
+struct sink {
+	FILE *stream;
+	int errno_value;
+};
+
+static cairo_status_t write_to_stream(void *context, const unsigned char *data, unsigned int length)
+{
+	struct sink *sink = context;
+
+	if (fwrite(data, 1, length, sink->stream) == length)
+		return CAIRO_STATUS_SUCCESS;
+	sink->errno_value = errno ? errno : EIO;
+	return CAIRO_STATUS_WRITE_ERROR;
 }
 
 enum dio_status dio_board_print_pdf(const struct dio_board_page *page, const char *path,
@@ -108,15 +128,16 @@ enum dio_status dio_board_print_pdf(const struct dio_board_page *page, const cha
 {
 	double scale = POINTS_PER_INCH / MM_PER_INCH;
 	struct dio_atomic_file *file;
+	struct sink sink = {0};
 	cairo_surface_t *surface;
 	cairo_status_t drawn;
 	enum dio_status status = dio_atomic_file_open(path, &file, error);
 
 	if (status != DIO_OK)
 		return status;
-	surface = cairo_pdf_surface_create_for_stream(write_to_stream, dio_atomic_file_stream(file),
-						      page->width_mm * scale,
-						      page->height_mm * scale);
+	sink.stream = dio_atomic_file_stream(file);
+	surface = cairo_pdf_surface_create_for_stream(
+		write_to_stream, &sink, page->width_mm * scale, page->height_mm * scale);
 	cairo_pdf_surface_set_metadata(surface, CAIRO_PDF_METADATA_TITLE, page->text);
 	drawn = draw_page(surface, page, scale);
 	cairo_surface_finish(surface);
@@ -124,8 +145,9 @@ enum dio_status dio_board_print_pdf(const struct dio_board_page *page, const cha
 		drawn = cairo_surface_status(surface);
 	cairo_surface_destroy(surface);
 
-	/* A write that failed is the file's to report: it knows why. */
-	if (drawn != CAIRO_STATUS_SUCCESS && drawn != CAIRO_STATUS_WRITE_ERROR) {
+	if (sink.errno_value)
+		return give_up(file, path, sink.errno_value, error);
+	if (drawn != CAIRO_STATUS_SUCCESS) {
 		dio_atomic_file_discard(file);
 		return dio_fail(error, DIO_NO_MEM, "%s: cannot draw the page: %s", path,
 				cairo_status_to_string(drawn));
@@ -136,12 +158,14 @@ enum dio_status dio_board_print_pdf(const struct dio_board_page *page, const cha
 struct png_fault {
 	jmp_buf back;
 	char text[128];
+	int errno_value; /* of a write; libpng itself keeps none */
 };
 
 static void on_png_error(png_structp png, png_const_charp message)
 {
 	struct png_fault *fault = png_get_error_ptr(png);
 
+	fault->errno_value = errno;
 	snprintf(fault->text, sizeof fault->text, "%s", message);
 	longjmp(fault->back, 1);
 }
@@ -188,9 +212,8 @@ static enum dio_status save_png(cairo_surface_t *surface, uint32_t dpi, const ch
 	info = png ? png_create_info_struct(png) : NULL;
 	if (!info || setjmp(fault.back)) {
 		png_destroy_write_struct(&png, &info);
-		/* A stream in error is the disk's fault, and the commit says which. */
-		if (ferror(dio_atomic_file_stream(file)))
-			return dio_atomic_file_commit(file, error);
+		if (ferror(dio_atomic_file_stream(file)) && fault.errno_value)
+			return give_up(file, path, fault.errno_value, error);
 		dio_atomic_file_discard(file);
 		return dio_fail(error, DIO_IO, "%s: cannot write PNG: %s", path, fault.text);
 	}

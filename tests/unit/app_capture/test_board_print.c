@@ -216,7 +216,7 @@ static void a_full_disk_is_told(void **state)
 		assert_int_equal(symlink("/dev/full", fixture_path(NAMES[i])), 0);
 		fixture_diorama(&run, "board", "print", CHARUCO, "--out", fixture_path(NAMES[i]),
 				NULL);
-		fixture_expect_refusal(&run, 1, "full");
+		fixture_expect_refusal(&run, 1, "space");
 		fixture_expect_refusal(&run, 1, NAMES[i]);
 	}
 }
