@@ -20,6 +20,15 @@
 
 #define DVSM_TENSOR_MAX_RANK 8
 
+struct dvsm_tensor;
+
+/**
+ * Put `count` numbers, of which the first is number `first` of the tensor, behind its destination.
+ * Load calls it for F32, F16 and BF16, with every number once and in order.
+ */
+typedef void dvsm_tensor_place_fn(const struct dvsm_tensor *tensor, size_t first,
+				  const float *numbers, size_t count);
+
 struct dvsm_tensor {
 	const char *name;
 	enum dvsm_dtype dtype;
@@ -32,6 +41,7 @@ struct dvsm_tensor {
 	 * bytes as they are for every other type.
 	 */
 	void *destination;
+	dvsm_tensor_place_fn *place; /* NULL: as they lie in the file */
 };
 
 struct dvsm_safetensors {

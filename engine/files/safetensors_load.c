@@ -46,6 +46,24 @@ enum dvsm_status dvsm_safetensors_require(const struct dvsm_safetensors *file, c
 	return DVSM_OK;
 }
 
+/* Numbers expanded at a time on their way to a tensor's own place function. */
+#define EXPANDED_FLOATS 4096u
+
+static void place_expanded(const struct dvsm_tensor *tensor, size_t first, size_t count,
+			   const unsigned char *numbers)
+{
+	float expanded[EXPANDED_FLOATS];
+	size_t bytes = dvsm_dtype_bytes(tensor->dtype);
+	while (count > 0) {
+		size_t step = count < EXPANDED_FLOATS ? count : EXPANDED_FLOATS;
+		dvsm_dtype_expand(tensor->dtype, numbers, step, expanded);
+		tensor->place(tensor, first, expanded, step);
+		numbers += step * bytes;
+		first += step;
+		count -= step;
+	}
+}
+
 /* Check and place `count` numbers that begin at number `first` of the tensor. */
 static enum dvsm_status place(const struct dvsm_safetensors *file, const struct dvsm_tensor *tensor,
 			      size_t first, size_t count, const void *numbers,
@@ -60,7 +78,9 @@ static enum dvsm_status place(const struct dvsm_safetensors *file, const struct 
 		return DVSM_OK;
 
 	size_t bytes = dvsm_dtype_bytes(tensor->dtype);
-	if (dvsm_dtype_is_weight(tensor->dtype))
+	if (dvsm_dtype_is_weight(tensor->dtype) && tensor->place)
+		place_expanded(tensor, first, count, numbers);
+	else if (dvsm_dtype_is_weight(tensor->dtype))
 		dvsm_dtype_expand(tensor->dtype, numbers, count,
 				  (float *)tensor->destination + first);
 	else

@@ -29,8 +29,6 @@ enum dvsm_status dvsm_engine_create(const struct dvsm_model *model,
 	made->kernels =
 		dvsm_kernels_choose(options->cpu_mask ? options->cpu_mask : (uint32_t)DVSM_CPU_ALL);
 	status = dvsm_pool_create(threads, &made->pool, error);
-	if (status == DVSM_OK)
-		status = dvsm_packed_init(&made->packed, model, error);
 	if (status != DVSM_OK) {
 		dvsm_engine_destroy(made);
 		return status;
@@ -44,7 +42,6 @@ void dvsm_engine_destroy(struct dvsm_engine *engine)
 	if (!engine)
 		return;
 	dvsm_pool_destroy(engine->pool);
-	dvsm_packed_deinit(&engine->packed);
 	free(engine->workspace);
 	free(engine);
 }
@@ -57,11 +54,6 @@ const char *dvsm_engine_get_cpu(const struct dvsm_engine *engine)
 uint32_t dvsm_engine_get_threads(const struct dvsm_engine *engine)
 {
 	return dvsm_pool_get_threads(engine->pool);
-}
-
-size_t dvsm_engine_weight_bytes(const struct dvsm_engine *engine)
-{
-	return engine->model->weight_bytes + engine->packed.bytes;
 }
 
 uint64_t dvsm_engine_now_ns(void)
@@ -146,7 +138,6 @@ struct dvsm_run dvsm_engine_begin(const struct dvsm_engine *engine,
 
 	return (struct dvsm_run){
 		.model = engine->model,
-		.packed = &engine->packed,
 		.kernels = engine->kernels,
 		.pool = engine->pool,
 		.work = dvsm_workspace_place(&arena, config, &size),
@@ -180,7 +171,7 @@ enum dvsm_status dvsm_plan(const struct dvsm_engine *engine, const struct dvsm_c
 		status = dvsm_engine_measure(engine, target, 1, target_patch_px, &render, error);
 	if (status != DVSM_OK)
 		return status;
-	memory->weights_bytes = dvsm_engine_weight_bytes(engine);
+	memory->weights_bytes = engine->model->weight_bytes;
 	memory->cache_bytes = cache;
 	memory->workspace_bytes = workspace > render ? workspace : render;
 	return DVSM_OK;

@@ -9,7 +9,6 @@ struct dvsm_engine {
 	const struct dvsm_model *model; /* borrowed */
 	const struct dvsm_kernels *kernels;
 	struct dvsm_pool *pool;
-	struct dvsm_packed packed;
 	void *workspace; /* grows to the largest job so far; owned */
 	size_t workspace_bytes;
 };
@@ -34,9 +33,6 @@ enum dvsm_status dvsm_engine_reserve(struct dvsm_engine *engine, const struct dv
 struct dvsm_run dvsm_engine_begin(const struct dvsm_engine *engine,
 				  const struct dvsm_camera *cameras, uint32_t count,
 				  uint32_t patch_px);
-
-/** Bytes of weights that the engine reads: the model's and the packed ones. */
-size_t dvsm_engine_weight_bytes(const struct dvsm_engine *engine);
 
 /** CLOCK_MONOTONIC. */
 uint64_t dvsm_engine_now_ns(void);

@@ -56,11 +56,11 @@ void dvsm_picture_embed(const struct dvsm_run *run, const struct dvsm_ray_map *m
 	};
 
 	dvsm_pool_run(run->pool, dvsm_tiles(tokens, RAY_TOKENS), ray_task, &job);
-	dvsm_step_product(run, patches, tokens, &run->packed->patch_ray, x, dim,
+	dvsm_step_product(run, patches, tokens, &run->model->weights.patch_ray, x, dim,
 			  DVSM_EPILOGUE_STORE);
 	if (rgb) {
 		dvsm_pool_run(run->pool, plan->grid.rows, cut_task, &job);
-		dvsm_step_product(run, patches, tokens, &run->packed->patch_rgb, x, dim,
+		dvsm_step_product(run, patches, tokens, &run->model->weights.patch_rgb, x, dim,
 				  DVSM_EPILOGUE_ADD);
 	}
 	dvsm_step_norm(run, x, tokens, run->model->weights.embed_norm, x);
@@ -88,7 +88,7 @@ static void join_task(void *context, size_t index, uint32_t worker)
 void dvsm_picture_write(const struct dvsm_run *run, const struct dvsm_patch_plan *plan,
 			const float *x, float *rgb)
 {
-	const struct dvsm_matrix *to_rgb = &run->packed->to_rgb;
+	const struct dvsm_matrix *to_rgb = &run->model->weights.to_rgb;
 	const size_t tokens = dvsm_token_grid_count(plan->grid);
 	struct picture_job job = {
 		.run = run,

@@ -131,7 +131,7 @@ enum dvsm_status dvsm_reconstruct(struct dvsm_engine *engine, const struct dvsm_
 			.tokens = (uint32_t)made->tokens,
 			.keys = made->tokens,
 			.time_ns = dvsm_engine_now_ns() - start_ns,
-			.memory = {dvsm_engine_weight_bytes(engine), made->cache_bytes,
+			.memory = {engine->model->weight_bytes, made->cache_bytes,
 				   engine->workspace_bytes},
 		};
 	}

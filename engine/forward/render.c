@@ -85,7 +85,7 @@ enum dvsm_status dvsm_render(struct dvsm_engine *engine, const struct dvsm_scene
 			.tokens = (uint32_t)dvsm_token_grid_count(plan.grid),
 			.keys = scene->tokens,
 			.time_ns = dvsm_engine_now_ns() - start_ns,
-			.memory = {dvsm_engine_weight_bytes(engine), scene->cache_bytes,
+			.memory = {engine->model->weight_bytes, scene->cache_bytes,
 				   engine->workspace_bytes},
 		};
 	}

@@ -5,15 +5,14 @@
 #ifndef DVSM_FORWARD_STEPS_H
 #define DVSM_FORWARD_STEPS_H
 
-#include "forward/packed.h"
 #include "forward/workspace.h"
 #include "kernels/kernels.h"
+#include "model/model.h"
 #include "threads/pool.h"
 
 /** Everything a step needs; borrowed for one reconstruction or rendering. */
 struct dvsm_run {
 	const struct dvsm_model *model;
-	const struct dvsm_packed *packed;
 	const struct dvsm_kernels *kernels;
 	struct dvsm_pool *pool;
 	struct dvsm_workspace work;

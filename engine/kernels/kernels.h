@@ -17,9 +17,7 @@
 #include <stdint.h>
 
 #include "dvsm/engine.h"
-
-/** Columns of a weight panel: one 64-byte line of float32. */
-#define DVSM_PANEL 16u
+#include "kernels/pack.h"
 
 /** Most queries that one attention call takes. */
 #define DVSM_ATTENTION_QUERIES 64u
@@ -99,14 +97,6 @@ struct dvsm_kernels {
 
 /** The best set among the tiers in `mask` that this machine has; never NULL. */
 const struct dvsm_kernels *dvsm_kernels_choose(uint32_t mask);
-
-/** Floats that `rows` x `depth` weights take as panels; false when it does not fit. */
-bool dvsm_pack_size(size_t rows, size_t depth, size_t *floats);
-
-/**
- * Weights [rows][depth] to panels [ceil(rows / 16)][depth][16], the last one filled up with zeros.
- */
-void dvsm_pack_panels(const float *weights, size_t rows, size_t depth, float *panels);
 
 /** Bytes of scratch for one attention call: q and out transposed, a tile of scores, three rows. */
 static inline size_t dvsm_attention_scratch(size_t head_dim)

@@ -1,5 +1,6 @@
+#include "kernels/pack.h"
+
 #include "base/memory.h"
-#include "kernels/kernels.h"
 
 bool dvsm_pack_size(size_t rows, size_t depth, size_t *floats)
 {
@@ -10,15 +11,37 @@ bool dvsm_pack_size(size_t rows, size_t depth, size_t *floats)
 	return dvsm_size_mul(padded / DVSM_PANEL * DVSM_PANEL, depth, floats);
 }
 
+void dvsm_pack_pad(size_t rows, size_t depth, float *panels)
+{
+	size_t used = rows % DVSM_PANEL;
+
+	if (used == 0)
+		return;
+	panels += (rows - used) * depth;
+	for (size_t d = 0; d < depth; d++, panels += DVSM_PANEL) {
+		for (size_t j = used; j < DVSM_PANEL; j++)
+			panels[j] = 0.0f;
+	}
+}
+
+void dvsm_pack_run(const float *numbers, size_t first, size_t count, size_t depth, float *panels)
+{
+	while (count > 0) {
+		size_t row = first / depth, d = first % depth;
+		size_t run = count < depth - d ? count : depth - d;
+		float *place =
+			panels + (row / DVSM_PANEL * depth + d) * DVSM_PANEL + row % DVSM_PANEL;
+
+		for (size_t i = 0; i < run; i++)
+			place[i * DVSM_PANEL] = numbers[i];
+		numbers += run;
+		first += run;
+		count -= run;
+	}
+}
+
 void dvsm_pack_panels(const float *weights, size_t rows, size_t depth, float *panels)
 {
-	for (size_t first = 0; first < rows; first += DVSM_PANEL) {
-		for (size_t d = 0; d < depth; d++) {
-			for (size_t j = 0; j < DVSM_PANEL; j++) {
-				size_t row = first + j;
-
-				*panels++ = row < rows ? weights[row * depth + d] : 0.0f;
-			}
-		}
-	}
+	dvsm_pack_pad(rows, depth, panels);
+	dvsm_pack_run(weights, 0, rows * depth, depth, panels);
 }

@@ -23,43 +23,108 @@ struct walk {
 	uint64_t count;		 /* of weights so far */
 };
 
-/* One tensor of `rows` x `columns`, or of `columns` alone where rows is 0. */
-static void visit(struct walk *walk, const char *name, uint32_t rows, uint32_t columns,
-		  const float **weights)
+/* The tensor of this name and shape, counted; NULL when there is none or the walk has failed. */
+static struct dvsm_tensor *require(struct walk *walk, const char *name, uint32_t rank,
+				   const uint64_t *shape)
 {
-	if (walk->status != DVSM_OK)
-		return;
-	const uint64_t matrix[2] = {rows, columns}, vector[1] = {columns};
 	struct dvsm_tensor *tensor;
-	walk->status = dvsm_safetensors_require(walk->file, name, NULL, rows ? 2 : 1,
-						rows ? matrix : vector, &tensor, walk->error);
 	if (walk->status != DVSM_OK)
-		return;
+		return NULL;
+	walk->status =
+		dvsm_safetensors_require(walk->file, name, NULL, rank, shape, &tensor, walk->error);
+	if (walk->status != DVSM_OK)
+		return NULL;
+	walk->count += tensor->count;
+	return tensor;
+}
 
-	size_t bytes, end;
-	if (!dvsm_size_mul(tensor->count, sizeof(float), &bytes) ||
-	    !dvsm_size_align(bytes, &bytes) || !dvsm_size_add(walk->used_bytes, bytes, &end)) {
+/* The next `floats` floats of the block, where `fits` says that this is a number. */
+static float *take(struct walk *walk, size_t floats, bool fits)
+{
+	size_t bytes, end, at = walk->used_bytes;
+	if (!fits || !dvsm_size_mul(floats, sizeof(float), &bytes) ||
+	    !dvsm_size_align(bytes, &bytes) || !dvsm_size_add(at, bytes, &end)) {
 		walk->status = dvsm_fail(walk->error, DVSM_NO_MEM,
 					 "%s: the weights do not fit the address space",
 					 dvsm_name_tail(walk->file->source.name));
-		return;
-	}
-	if (walk->block) {
-		float *place = walk->block + walk->used_bytes / sizeof(float);
-		tensor->destination = place;
-		*weights = place;
+		return NULL;
 	}
 	walk->used_bytes = end;
-	walk->count += tensor->count;
+	return walk->block ? walk->block + at / sizeof(float) : NULL;
 }
 
-/* blocks.{index}.{half}{rest} */
-static void visit_half_tensor(struct walk *walk, uint32_t index, const char *half, const char *rest,
-			      uint32_t rows, uint32_t columns, const float **weights)
+static void visit_vector(struct walk *walk, const char *name, uint32_t length,
+			 const float **weights)
 {
-	char name[80];
-	snprintf(name, sizeof(name), "blocks.%u.%s%s.weight", index, half, rest);
-	visit(walk, name, rows, columns, weights);
+	struct dvsm_tensor *tensor = require(walk, name, 1, (const uint64_t[]){length});
+	if (tensor)
+		*weights = tensor->destination = take(walk, tensor->count, true);
+}
+
+/* Room for a matrix whose numbers are yet to come. */
+static float *take_matrix(struct walk *walk, uint32_t rows, uint32_t columns,
+			  struct dvsm_matrix *matrix)
+{
+	size_t floats = 0;
+	bool fits = dvsm_pack_size(rows, columns, &floats);
+	float *panels = take(walk, floats, fits);
+	if (panels)
+		dvsm_pack_pad(rows, columns, panels);
+	*matrix = (struct dvsm_matrix){panels, rows, columns};
+	return panels;
+}
+
+static void place_matrix(const struct dvsm_tensor *tensor, size_t first, const float *numbers,
+			 size_t count)
+{
+	dvsm_pack_run(numbers, first, count, (size_t)tensor->shape[1], tensor->destination);
+}
+
+static void visit_matrix(struct walk *walk, const char *name, uint32_t rows, uint32_t columns,
+			 struct dvsm_matrix *matrix)
+{
+	struct dvsm_tensor *tensor = require(walk, name, 2, (const uint64_t[]){rows, columns});
+	if (!tensor)
+		return;
+	tensor->destination = take_matrix(walk, rows, columns, matrix);
+	tensor->place = place_matrix;
+}
+
+/* The first third of the rows to the query matrix, the rest to the one that lies behind it. */
+static void place_qkv(const struct dvsm_tensor *tensor, size_t first, const float *numbers,
+		      size_t count)
+{
+	size_t dim = (size_t)tensor->shape[1], queries = dim * dim, size = 0;
+	size_t left = first < queries ? queries - first : 0;
+	size_t head = count < left ? count : left;
+	float *panels = tensor->destination;
+	dvsm_pack_run(numbers, first, head, dim, panels);
+	if (head < count && dvsm_pack_size(dim, dim, &size))
+		dvsm_pack_run(numbers + head, first + head - queries, count - head, dim,
+			      panels + size);
+}
+
+static void visit_qkv(struct walk *walk, const char *name, uint32_t dim,
+		      struct dvsm_half_weights *w)
+{
+	struct dvsm_tensor *tensor = require(walk, name, 2, (const uint64_t[]){3 * dim, dim});
+	if (!tensor)
+		return;
+	tensor->destination = take_matrix(walk, dim, dim, &w->query);
+	tensor->place = place_qkv;
+	take_matrix(walk, 2 * dim, dim, &w->key_value);
+}
+
+/* blocks.{index}.{half}{rest}.weight */
+struct tensor_name {
+	char text[80];
+};
+
+static struct tensor_name name_half(uint32_t index, const char *half, const char *rest)
+{
+	struct tensor_name name;
+	snprintf(name.text, sizeof(name.text), "blocks.%u.%s%s.weight", index, half, rest);
+	return name;
 }
 
 static void visit_half(struct walk *walk, uint32_t index, const char *half,
@@ -68,14 +133,16 @@ static void visit_half(struct walk *walk, uint32_t index, const char *half,
 	const struct dvsm_model_config *config = &walk->model->config;
 	uint32_t dim = config->dim, head_dim = dim / config->heads;
 	uint32_t hidden = dim * config->mlp_ratio;
-	visit_half_tensor(walk, index, half, "_norm", 0, dim, &w->norm);
-	visit_half_tensor(walk, index, half, ".qkv", 3 * dim, dim, &w->qkv);
-	visit_half_tensor(walk, index, half, ".q_norm", 0, head_dim, &w->q_norm);
-	visit_half_tensor(walk, index, half, ".k_norm", 0, head_dim, &w->k_norm);
-	visit_half_tensor(walk, index, half, ".out", dim, dim, &w->out);
-	visit_half_tensor(walk, index, half, "_mlp_norm", 0, dim, &w->mlp_norm);
-	visit_half_tensor(walk, index, half, "_mlp.up", hidden, dim, &w->up);
-	visit_half_tensor(walk, index, half, "_mlp.down", dim, hidden, &w->down);
+#define NAME(rest) name_half(index, half, rest).text
+	visit_vector(walk, NAME("_norm"), dim, &w->norm);
+	visit_qkv(walk, NAME(".qkv"), dim, w);
+	visit_vector(walk, NAME(".q_norm"), head_dim, &w->q_norm);
+	visit_vector(walk, NAME(".k_norm"), head_dim, &w->k_norm);
+	visit_matrix(walk, NAME(".out"), dim, dim, &w->out);
+	visit_vector(walk, NAME("_mlp_norm"), dim, &w->mlp_norm);
+	visit_matrix(walk, NAME("_mlp.up"), hidden, dim, &w->up);
+	visit_matrix(walk, NAME("_mlp.down"), dim, hidden, &w->down);
+#undef NAME
 }
 
 static void visit_all(struct walk *walk)
@@ -83,17 +150,18 @@ static void visit_all(struct walk *walk)
 	const struct dvsm_model_config *config = &walk->model->config;
 	struct dvsm_weights *w = &walk->model->weights;
 	uint32_t pixels = config->patch_px * config->patch_px;
-	visit(walk, "patch_ray.weight", config->dim, 6 * pixels, &w->patch_ray);
-	visit(walk, "patch_rgb.weight", config->dim, 3 * pixels, &w->patch_rgb);
+	visit_matrix(walk, "patch_ray.weight", config->dim, 6 * pixels, &w->patch_ray);
+	visit_matrix(walk, "patch_rgb.weight", config->dim, 3 * pixels, &w->patch_rgb);
 	if (config->prior_dim)
-		visit(walk, "prior_proj.weight", config->dim, config->prior_dim, &w->prior_proj);
-	visit(walk, "embed_norm.weight", 0, config->dim, &w->embed_norm);
+		visit_matrix(walk, "prior_proj.weight", config->dim, config->prior_dim,
+			     &w->prior_proj);
+	visit_vector(walk, "embed_norm.weight", config->dim, &w->embed_norm);
 	for (uint32_t i = 0; i < config->layers; i++) {
 		visit_half(walk, i, "intra", &w->blocks[i].intra);
 		visit_half(walk, i, "cross", &w->blocks[i].cross);
 	}
-	visit(walk, "final_norm.weight", 0, config->dim, &w->final_norm);
-	visit(walk, "to_rgb.weight", 3 * pixels, config->dim, &w->to_rgb);
+	visit_vector(walk, "final_norm.weight", config->dim, &w->final_norm);
+	visit_matrix(walk, "to_rgb.weight", 3 * pixels, config->dim, &w->to_rgb);
 }
 
 /* A block of weights that the config does not count: the file and its config do not agree. */
@@ -147,7 +215,8 @@ static enum dvsm_status place_weights(const struct dvsm_safetensors *file, struc
 	if (measure.status != DVSM_OK)
 		return measure.status;
 
-	/* The file holds what was measured, so a small file cannot ask for much. */
+	/* The file holds what was measured, so a small file cannot ask for much: padding to whole
+	 * panels makes no matrix more than 16 times larger. */
 	model->block = dvsm_aligned_alloc(measure.used_bytes);
 	if (!model->block)
 		return fail_memory(file, measure.used_bytes, error);

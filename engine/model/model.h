@@ -1,23 +1,28 @@
-/* A model in memory: configuration and float32 weights (MODEL.md section 6). Private to the engine.
+/*
+ * A model in memory: configuration and float32 weights (MODEL.md section 6). Matrices are packed
+ * while the file is read and kept in that form alone; engines borrow them. Private to the engine.
  */
 #ifndef DVSM_MODEL_MODEL_H
 #define DVSM_MODEL_MODEL_H
 
 #include "dvsm/model.h"
+#include "kernels/pack.h"
 
 /**
- * Half a block: attention and the MLP behind it. Row-major [out][in], each 64-byte aligned.
+ * Half a block: attention and the MLP behind it; everything 64-byte aligned. The file's qkv matrix
+ * is two here, because rendering needs only the query rows of cross.qkv.
  * D = dim, h = heads, M = mlp_ratio * dim.
  */
 struct dvsm_half_weights {
-	const float *norm;     /* [D]       LN before attention */
-	const float *qkv;      /* [3D][D]   rows: all q, all k, all v; head-major inside */
-	const float *q_norm;   /* [D/h]     */
-	const float *k_norm;   /* [D/h]     */
-	const float *out;      /* [D][D]    */
-	const float *mlp_norm; /* [D]       LN before the MLP */
-	const float *up;       /* [M][D]    */
-	const float *down;     /* [D][M]    */
+	const float *norm;	      /* [D]     LN before attention */
+	struct dvsm_matrix query;     /* [D][D]  head-major */
+	struct dvsm_matrix key_value; /* [2D][D] rows: all k, all v; head-major inside */
+	const float *q_norm;	      /* [D/h]   */
+	const float *k_norm;	      /* [D/h]   */
+	struct dvsm_matrix out;	      /* [D][D]  */
+	const float *mlp_norm;	      /* [D]     LN before the MLP */
+	struct dvsm_matrix up;	      /* [M][D]  */
+	struct dvsm_matrix down;      /* [D][M]  */
 };
 
 struct dvsm_block_weights {
@@ -26,12 +31,12 @@ struct dvsm_block_weights {
 };
 
 struct dvsm_weights {
-	const float *patch_ray;		   /* [D][6qq] */
-	const float *patch_rgb;		   /* [D][3qq] */
-	const float *prior_proj;	   /* [D][Dp], NULL when the model has no prior */
+	struct dvsm_matrix patch_ray;	   /* [D][6qq] */
+	struct dvsm_matrix patch_rgb;	   /* [D][3qq] */
+	struct dvsm_matrix prior_proj;	   /* [D][Dp], panels NULL when the model has no prior */
 	const float *embed_norm;	   /* [D]      */
 	const float *final_norm;	   /* [D]      */
-	const float *to_rgb;		   /* [3qq][D] */
+	struct dvsm_matrix to_rgb;	   /* [3qq][D] */
 	struct dvsm_block_weights *blocks; /* [layers] */
 };
 

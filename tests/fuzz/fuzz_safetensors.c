@@ -50,10 +50,12 @@ static void try_model(const uint8_t *data, size_t size)
 		return;
 	}
 	const struct dvsm_model_config *config = dvsm_model_get_config(model);
-	const float *last = model->weights.to_rgb;
-	size_t count = (size_t)3 * config->patch_px * config->patch_px * config->dim;
+	const struct dvsm_matrix *last = &model->weights.to_rgb;
+	size_t count = 0;
+	require(last->in == config->dim && dvsm_pack_size(last->out, last->in, &count),
+		"a matrix of another shape");
 	for (size_t i = 0; i < count; i++)
-		require(isfinite(last[i]), "a weight that is not finite");
+		require(isfinite(last->panels[i]), "a weight that is not finite");
 	dvsm_model_close(model);
 }
 

@@ -64,6 +64,35 @@ static void expect_near(const char *tier, const char *what, size_t at, double go
 		 got, want, tolerance);
 }
 
+/* ---- panels ---- */
+
+static void a_matrix_packed_in_runs_is_row_major_in_panels_and_zero_behind(void **state)
+{
+	(void)state;
+	for (int round = 0; round < 300; round++) {
+		size_t rows = edge(98), depth = edge(98), count = rows * depth, floats, step;
+		struct support_guarded w = fill(count, 1.0f), panels;
+
+		assert_true(dvsm_pack_size(rows, depth, &floats));
+		panels = fill(floats, 1.0f);
+		dvsm_pack_pad(rows, depth, panels.data);
+		for (size_t first = 0; first < count; first += step) {
+			step = 1 + support_random_below(&rng, count - first);
+			dvsm_pack_run(w.data + first, first, step, depth, panels.data);
+		}
+		for (size_t at = 0; at < floats; at++) {
+			size_t panel = at / (DVSM_PANEL * depth), d = at / DVSM_PANEL % depth;
+			size_t row = panel * DVSM_PANEL + at % DVSM_PANEL;
+
+			assert_true(panels.data[at] ==
+				    (row < rows ? w.data[row * depth + d] : 0.0f));
+		}
+		assert_true(support_guarded_intact(&w) && support_guarded_intact(&panels));
+		support_guarded_free(&w);
+		support_guarded_free(&panels);
+	}
+}
+
 /* ---- matrix product ---- */
 
 struct gemm_shape {
@@ -502,6 +531,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(the_mask_chooses_the_tier_and_scalar_is_always_there),
+		cmocka_unit_test(a_matrix_packed_in_runs_is_row_major_in_panels_and_zero_behind),
 		cmocka_unit_test(products_agree_for_every_shape_and_epilogue),
 		cmocka_unit_test(one_row_alone_gives_the_same_bits_as_in_a_tile),
 		cmocka_unit_test(gelu_is_exact_to_float_over_its_whole_range),

@@ -1,98 +1,167 @@
 #include "support/random_model.h"
 
 #include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/memory.h"
 #include "model/model.h"
 
-/* Tensors in one block, as the model file's reader lays them: measured first, then filled. */
+#define PREFIX_BYTES 8
+
+/* The walk over a model's tensors: measured first, then header and numbers are written together. */
 struct maker {
 	struct support_random *random;
-	float *block; /* NULL while measuring */
-	size_t used;  /* floats */
-	uint64_t weights;
+	char *header;		  /* NULL while measuring */
+	size_t header_size, room; /* bytes of header so far; of `header`, with a 0 behind it */
+	float *data;		  /* behind the header */
+	size_t count;		  /* floats so far */
 };
 
-static const float *matrix(struct maker *maker, size_t out, size_t in)
+__attribute__((format(printf, 2, 3))) static void say(struct maker *maker, const char *format, ...)
 {
-	size_t count = out * in;
-	float *at = maker->block ? maker->block + maker->used : NULL;
+	size_t used = maker->header_size;
+	va_list arguments;
 
-	if (at)
-		support_random_fill(maker->random, at, count, sqrtf(3.0f / (float)in));
-	maker->used += (count + 15) / 16 * 16;
-	maker->weights += count;
-	return at;
+	va_start(arguments, format);
+	int length = maker->header ? vsnprintf(maker->header + used, maker->room - used, format,
+					       arguments)
+				   : vsnprintf(NULL, 0, format, arguments);
+	va_end(arguments);
+	maker->header_size += (size_t)length;
 }
 
-static const float *norm(struct maker *maker, size_t dim)
+/* A header entry for the next `count` floats; their place, NULL while measuring. */
+static float *tensor(struct maker *maker, const char *name, const char *shape, size_t count)
 {
-	float *at = maker->block ? maker->block + maker->used : NULL;
+	size_t first = maker->count;
+
+	say(maker, ",\"%s.weight\":{\"dtype\":\"F32\",\"shape\":%s,\"data_offsets\":[%zu,%zu]}",
+	    name, shape, first * sizeof(float), (first + count) * sizeof(float));
+	maker->count += count;
+	return maker->data ? maker->data + first : NULL;
+}
+
+static void matrix(struct maker *maker, const char *name, size_t out, size_t in)
+{
+	char shape[64];
+
+	snprintf(shape, sizeof(shape), "[%zu,%zu]", out, in);
+
+	float *at = tensor(maker, name, shape, out * in);
+
+	if (at)
+		support_random_fill(maker->random, at, out * in, sqrtf(3.0f / (float)in));
+}
+
+static void norm(struct maker *maker, const char *name, size_t dim)
+{
+	char shape[64];
+
+	snprintf(shape, sizeof(shape), "[%zu]", dim);
+
+	float *at = tensor(maker, name, shape, dim);
 
 	for (size_t i = 0; at && i < dim; i++)
 		at[i] = 1.0f + 0.2f * support_random_unit(maker->random);
-	maker->used += (dim + 15) / 16 * 16;
-	maker->weights += dim;
-	return at;
 }
 
-static void make_half(struct maker *maker, const struct dvsm_model_config *config,
-		      struct dvsm_half_weights *half)
+struct name {
+	char text[64];
+};
+
+static struct name half_name(uint32_t layer, const char *half, const char *rest)
+{
+	struct name name;
+
+	snprintf(name.text, sizeof(name.text), "blocks.%u.%s%s", layer, half, rest);
+	return name;
+}
+
+static void make_half(struct maker *maker, const struct dvsm_model_config *config, uint32_t layer,
+		      const char *half)
 {
 	size_t dim = config->dim, head_dim = dim / config->heads, hidden = config->mlp_ratio * dim;
 
-	half->norm = norm(maker, dim);
-	half->qkv = matrix(maker, 3 * dim, dim);
-	half->q_norm = norm(maker, head_dim);
-	half->k_norm = norm(maker, head_dim);
-	half->out = matrix(maker, dim, dim);
-	half->mlp_norm = norm(maker, dim);
-	half->up = matrix(maker, hidden, dim);
-	half->down = matrix(maker, dim, hidden);
+	norm(maker, half_name(layer, half, "_norm").text, dim);
+	matrix(maker, half_name(layer, half, ".qkv").text, 3 * dim, dim);
+	norm(maker, half_name(layer, half, ".q_norm").text, head_dim);
+	norm(maker, half_name(layer, half, ".k_norm").text, head_dim);
+	matrix(maker, half_name(layer, half, ".out").text, dim, dim);
+	norm(maker, half_name(layer, half, "_mlp_norm").text, dim);
+	matrix(maker, half_name(layer, half, "_mlp.up").text, hidden, dim);
+	matrix(maker, half_name(layer, half, "_mlp.down").text, dim, hidden);
 }
 
-static void make_all(struct maker *maker, struct dvsm_model *model)
+static void make_all(struct maker *maker, const struct dvsm_model_config *config)
 {
-	const struct dvsm_model_config *config = &model->config;
-	struct dvsm_weights *weights = &model->weights;
 	size_t dim = config->dim, area = (size_t)config->patch_px * config->patch_px;
 
-	weights->patch_ray = matrix(maker, dim, 6 * area);
-	weights->patch_rgb = matrix(maker, dim, 3 * area);
-	weights->embed_norm = norm(maker, dim);
+	say(maker,
+	    "{\"__metadata__\":{\"format\":\"dvsm\",\"version\":\"1\",\"config\":\"{"
+	    "\\\"dim\\\":%u,\\\"heads\\\":%u,\\\"layers\\\":%u,\\\"patch\\\":%u,"
+	    "\\\"mlp_ratio\\\":%u,\\\"norm_eps\\\":%.17g,\\\"rgb_out\\\":\\\"%s\\\","
+	    "\\\"pose_norm\\\":\\\"gs-lrm\\\",\\\"prior\\\":null}\"}",
+	    config->dim, config->heads, config->layers, config->patch_px, config->mlp_ratio,
+	    config->norm_eps, config->rgb_sigmoid ? "sigmoid" : "linear");
+	matrix(maker, "patch_ray", dim, 6 * area);
+	matrix(maker, "patch_rgb", dim, 3 * area);
+	norm(maker, "embed_norm", dim);
 	for (uint32_t i = 0; i < config->layers; i++) {
-		make_half(maker, config, &weights->blocks[i].intra);
-		make_half(maker, config, &weights->blocks[i].cross);
+		make_half(maker, config, i, "intra");
+		make_half(maker, config, i, "cross");
 	}
-	weights->final_norm = norm(maker, dim);
-	weights->to_rgb = matrix(maker, 3 * area, dim);
+	norm(maker, "final_norm", dim);
+	matrix(maker, "to_rgb", 3 * area, dim);
+	say(maker, "}");
+	while (maker->header_size % PREFIX_BYTES != 0)
+		say(maker, " ");
+}
+
+unsigned char *support_random_model_file(const struct dvsm_model_config *config,
+					 struct support_random *random, size_t *size)
+{
+	struct maker maker = {.random = random};
+
+	make_all(&maker, config);
+
+	const uint64_t header_size = maker.header_size;
+	const size_t data_at = PREFIX_BYTES + maker.header_size;
+	const size_t total = data_at + maker.count * sizeof(float);
+	unsigned char *bytes = malloc(total);
+	char *header = malloc(maker.header_size + 1);
+
+	if (bytes && header) {
+		maker = (struct maker){
+			.random = random,
+			.header = header,
+			.room = maker.header_size + 1,
+			.data = (float *)(void *)(bytes + data_at),
+		};
+		make_all(&maker, config);
+		memcpy(bytes, &header_size, PREFIX_BYTES);
+		memcpy(bytes + PREFIX_BYTES, header, maker.header_size);
+		*size = total;
+	} else {
+		free(bytes);
+		bytes = NULL;
+	}
+	free(header);
+	return bytes;
 }
 
 struct dvsm_model *support_random_model(const struct dvsm_model_config *config,
 					struct support_random *random)
 {
-	struct dvsm_model *model = calloc(1, sizeof(*model));
-	struct maker maker = {.random = random};
+	size_t size;
+	unsigned char *bytes = support_random_model_file(config, random, &size);
+	struct dvsm_model *model = NULL;
+	struct dvsm_error error = {"no memory for a random model"};
 
-	if (!model)
-		return NULL;
-	model->config = *config;
-	memset(model->sha256, '0', 64);
-	model->weights.blocks = calloc(config->layers, sizeof(model->weights.blocks[0]));
-	if (model->weights.blocks) {
-		make_all(&maker, model);
-		model->block = dvsm_aligned_alloc(maker.used * sizeof(float));
-	}
-	if (!model->block) {
-		dvsm_model_close(model);
-		return NULL;
-	}
-	model->weight_bytes = maker.used * sizeof(float);
-	maker = (struct maker){.random = random, .block = model->block};
-	make_all(&maker, model);
-	model->weight_count = maker.weights;
+	if (!bytes || dvsm_model_open_bytes(bytes, size, "random", &model, &error) != DVSM_OK)
+		printf("%s\n", error.text);
+	free(bytes);
 	return model;
 }
 

@@ -6,9 +6,13 @@
 #include "support/random.h"
 
 /**
- * A model with weights scaled so that numbers keep their size from layer to layer; NULL when memory
- * runs out. Release with dvsm_model_close().
+ * The bytes of a model file (F32) with weights scaled so that numbers keep their size from layer
+ * to layer; NULL when memory runs out. The config's prior_dim must be 0. Release with free().
  */
+unsigned char *support_random_model_file(const struct dvsm_model_config *config,
+					 struct support_random *random, size_t *size);
+
+/** The model of such a file; NULL with a printed line. Release with dvsm_model_close(). */
 struct dvsm_model *support_random_model(const struct dvsm_model_config *config,
 					struct support_random *random);
 

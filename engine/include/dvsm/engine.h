@@ -29,7 +29,10 @@ DVSM_API uint32_t dvsm_cpu_detect(void);
 /** Name of the best tier in a mask: "scalar", "avx2", "avx512", "neon". */
 DVSM_API const char *dvsm_cpu_name(uint32_t mask);
 
-/** Opaque. One engine runs one call at a time (thread-bound); several engines may share a model. */
+/**
+ * Opaque. One engine runs one call at a time (thread-bound); several engines may share a model and
+ * with it the one copy of its weights.
+ */
 struct dvsm_engine;
 
 /** Opaque: KV-cache, context cameras, normalisation. Immutable; may be shared by engines. */
@@ -43,7 +46,7 @@ struct dvsm_engine_options {
 
 /** Bytes planned before a run; what is planned is what is used. */
 struct dvsm_memory {
-	size_t weights_bytes;
+	size_t weights_bytes; /* the model's: engines that share it share them */
 	size_t cache_bytes;
 	size_t workspace_bytes; /* the larger of the two stages */
 };

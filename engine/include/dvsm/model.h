@@ -49,7 +49,7 @@ DVSM_API const struct dvsm_model_config *dvsm_model_get_config(const struct dvsm
 /** SHA-256 of the file's bytes as 64 lower-case hex digits, owned by the model. */
 DVSM_API const char *dvsm_model_get_sha256(const struct dvsm_model *model);
 
-/** Bytes of packed weights in memory. */
+/** Bytes of packed weights in memory: all of them, whatever number of engines reads them. */
 DVSM_API size_t dvsm_model_get_weight_bytes(const struct dvsm_model *model);
 
 /** Number of weights. */

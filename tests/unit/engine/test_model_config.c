@@ -129,7 +129,7 @@ static void a_prior_brings_its_projection(void **state)
 	struct dvsm_model *model;
 	assert_int_equal(fixture_open_model(bytes, size, &model, NULL), DVSM_OK);
 	assert_int_equal(dvsm_model_get_config(model)->prior_dim, 5);
-	assert_non_null(model->weights.prior_proj);
+	assert_non_null(model->weights.prior_proj.panels);
 	dvsm_model_close(model);
 	free(bytes);
 	fixture_deinit(&file);

@@ -28,33 +28,61 @@ static void assert_tensor(const float *weights, struct fixture_file *file, const
 			    (size_t)(tensor->end - tensor->begin));
 }
 
+/* Rows `first` to `first` + matrix->out of a tensor, in panels, with zeros past the last row. */
+static void assert_rows(const struct dvsm_matrix *matrix, size_t first, size_t out, size_t in,
+			struct fixture_file *file, const char *name)
+{
+	const struct fixture_tensor *tensor = fixture_find(file, name);
+	assert_int_equal((uintptr_t)matrix->panels % 64, 0);
+	assert_int_equal(matrix->out, out);
+	assert_int_equal(matrix->in, in);
+	for (size_t row = 0; row < (out + 15) / 16 * 16; row++) {
+		for (size_t d = 0; d < in; d++) {
+			float got = matrix->panels[(row / 16 * in + d) * 16 + row % 16], want = 0;
+			if (row < out)
+				memcpy(&want,
+				       file->data + tensor->begin + 4 * ((first + row) * in + d),
+				       sizeof(want));
+			assert_memory_equal(&got, &want, sizeof(want));
+		}
+	}
+}
+
+static const char *half_name(const char *half, const char *rest)
+{
+	static char name[64];
+	snprintf(name, sizeof(name), "blocks.0.%s%s.weight", half, rest);
+	return name;
+}
+
+static void assert_half(const struct dvsm_half_weights *w, struct fixture_file *file,
+			const char *half)
+{
+	assert_tensor(w->norm, file, half_name(half, "_norm"));
+	assert_rows(&w->query, 0, 8, 8, file, half_name(half, ".qkv"));
+	assert_rows(&w->key_value, 8, 16, 8, file, half_name(half, ".qkv"));
+	assert_tensor(w->q_norm, file, half_name(half, ".q_norm"));
+	assert_tensor(w->k_norm, file, half_name(half, ".k_norm"));
+	assert_rows(&w->out, 0, 8, 8, file, half_name(half, ".out"));
+	assert_tensor(w->mlp_norm, file, half_name(half, "_mlp_norm"));
+	assert_rows(&w->up, 0, 16, 8, file, half_name(half, "_mlp.up"));
+	assert_rows(&w->down, 0, 8, 16, file, half_name(half, "_mlp.down"));
+}
+
 static void every_tensor_lands_where_it_belongs(void **state)
 {
 	(void)state;
 	struct fixture_file file;
 	struct dvsm_model *model = open_good("F32", &file);
 	const struct dvsm_weights *w = &model->weights;
-	assert_tensor(w->patch_ray, &file, "patch_ray.weight");
-	assert_tensor(w->patch_rgb, &file, "patch_rgb.weight");
+	assert_rows(&w->patch_ray, 0, 8, 24, &file, "patch_ray.weight");
+	assert_rows(&w->patch_rgb, 0, 8, 12, &file, "patch_rgb.weight");
 	assert_tensor(w->embed_norm, &file, "embed_norm.weight");
+	assert_half(&w->blocks[0].intra, &file, "intra");
+	assert_half(&w->blocks[0].cross, &file, "cross");
 	assert_tensor(w->final_norm, &file, "final_norm.weight");
-	assert_tensor(w->to_rgb, &file, "to_rgb.weight");
-	assert_null(w->prior_proj);
-	for (int i = 0; i < 2; i++) {
-		const struct dvsm_half_weights *half =
-			i ? &w->blocks[0].cross : &w->blocks[0].intra;
-		const float *const placed[] = {half->norm,   half->qkv, half->q_norm,
-					       half->k_norm, half->out, half->mlp_norm,
-					       half->up,     half->down};
-		static const char *const names[] = {"_norm", ".qkv",	  ".q_norm", ".k_norm",
-						    ".out",  "_mlp_norm", "_mlp.up", "_mlp.down"};
-		for (int k = 0; k < 8; k++) {
-			char name[64];
-			snprintf(name, sizeof(name), "blocks.0.%s%s.weight", i ? "cross" : "intra",
-				 names[k]);
-			assert_tensor(placed[k], &file, name);
-		}
-	}
+	assert_rows(&w->to_rgb, 0, 12, 8, &file, "to_rgb.weight");
+	assert_null(w->prior_proj.panels);
 	assert_int_equal(dvsm_model_get_weight_count(model), file.data_size / 4);
 	assert_true(dvsm_model_get_weight_bytes(model) >= file.data_size);
 	dvsm_model_close(model);
@@ -72,10 +100,10 @@ static void half_and_bfloat_weights_open_too(void **state)
 		fixture_deinit(&file);
 	}
 	/* The same numbers, rounded to 10 and 7 bits of fraction. */
-	for (int k = 0; k < 8 * 24; k++) {
-		float f32 = models[0]->weights.patch_ray[k];
-		float f16 = models[1]->weights.patch_ray[k];
-		float bf16 = models[2]->weights.patch_ray[k];
+	for (int k = 0; k < 16 * 24; k++) {
+		float f32 = models[0]->weights.patch_ray.panels[k];
+		float f16 = models[1]->weights.patch_ray.panels[k];
+		float bf16 = models[2]->weights.patch_ray.panels[k];
 		float size = f32 < 0 ? -f32 : f32;
 		assert_true((f32 - f16) * (f32 - f16) <= size * size * 0x1p-20f + 0x1p-26f);
 		assert_true((f32 - bf16) * (f32 - bf16) <= size * size * 0x1p-14f);
