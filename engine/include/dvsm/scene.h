@@ -20,7 +20,8 @@ DVSM_API void dvsm_scene_destroy(struct dvsm_scene *scene);
 DVSM_API uint32_t dvsm_scene_get_view_count(const struct dvsm_scene *scene);
 DVSM_API const struct dvsm_camera *dvsm_scene_get_cameras(const struct dvsm_scene *scene);
 
-/** Tokens of all views together (keys per head and layer), and the stage patch they were cut with. */
+/** Tokens of all views together (keys per head and layer), and the stage patch they were cut with.
+ */
 DVSM_API uint64_t dvsm_scene_get_token_count(const struct dvsm_scene *scene);
 DVSM_API uint32_t dvsm_scene_get_patch_px(const struct dvsm_scene *scene);
 

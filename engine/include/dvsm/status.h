@@ -8,16 +8,17 @@ extern "C" {
 
 #define DVSM_API __attribute__((visibility("default")))
 
-/** Every function that can fail returns one of these; outputs stay untouched unless it is DVSM_OK. */
+/** Every function that can fail returns one of these; outputs stay untouched unless it is DVSM_OK.
+ */
 enum dvsm_status {
 	DVSM_OK = 0,
-	DVSM_BAD_ARG,     /* an argument out of its stated range: NULL, non-finite pose, focal <= 0 */
-	DVSM_BAD_FILE,    /* a file that is there and is not what it should be */
-	DVSM_IO,          /* the system refused: not found, permission, disk full */
-	DVSM_NO_MEM,      /* memory, or a size that does not fit the address space */
-	DVSM_MISMATCH,    /* a scene made with another model */
+	DVSM_BAD_ARG,  /* an argument out of its stated range: NULL, non-finite pose, focal <= 0 */
+	DVSM_BAD_FILE, /* a file that is there and is not what it should be */
+	DVSM_IO,       /* the system refused: not found, permission, disk full */
+	DVSM_NO_MEM,   /* memory, or a size that does not fit the address space */
+	DVSM_MISMATCH, /* a scene made with another model */
 	DVSM_UNSUPPORTED, /* well formed, but this build or CPU cannot do it */
-	DVSM_CANCELLED,   /* the caller's progress function asked to stop */
+	DVSM_CANCELLED,	  /* the caller's progress function asked to stop */
 };
 
 /** Room for one line of text that names the thing, the fault and the remedy. */
