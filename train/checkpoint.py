@@ -36,8 +36,7 @@ def dequantise(values, scale, shape, signed_root):
 def shorten(tensor):
     """float32 -> its upper 24 bits, rounded, as bytes [n, 3]."""
     bits = tensor.detach().float().contiguous().view(torch.int32).reshape(-1).to(torch.int64)
-    bits = (bits & 0xffffffff) + 0x80
-    bits = torch.minimum(bits >> 8, torch.tensor(0xffffff))
+    bits = (((bits & 0xffffffff) + 0x80) >> 8).clamp(max=0xffffff)
     return torch.stack([bits & 0xff, bits >> 8 & 0xff, bits >> 16], 1).to(torch.uint8)
 
 
@@ -87,7 +86,7 @@ def decode(tensors, shapes):
 
 
 def save(folder, state, facts, limit_bytes=None):
-    """Write a checkpoint folder; the old one stays until the new one is whole. Returns the level."""
+    """Write a checkpoint folder; the old one stays till the new one is whole. Returns the level."""
     for level in ("exact", "compact", "weights"):
         data = safetensors_io.pack(encode(state, level), {"facts": json.dumps(facts)})
         if limit_bytes is None or len(data) <= limit_bytes:
@@ -126,6 +125,7 @@ def load(folder, shapes):
         with open(os.path.join(folder, f"piece-{i:03d}.bin"), "rb") as file:
             data += file.read()
     if hashlib.sha256(data).hexdigest() != manifest["sha256"]:
-        raise ValueError(f"checkpoint {folder}: checksum differs from its manifest; a piece is damaged")
+        raise ValueError(f"checkpoint {folder}: checksum differs from the manifest's; "
+                         "a piece is damaged, take another copy")
     tensors, metadata = safetensors_io.unpack(data, folder)
     return decode(tensors, shapes), json.loads(metadata["facts"]), manifest["level"]

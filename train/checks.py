@@ -23,14 +23,16 @@ def check(folder, dtype):
     scene = sets.load(folder)
     near, far = scene["context"], scene["target"]
     count = len(near["poses"])
-    rotation, centre = geometry.normalise_poses(torch.cat([near["poses"], far["poses"]])[None], count)
+    poses = torch.cat([near["poses"], far["poses"]])[None]
+    rotation, centre = geometry.normalise_poses(poses, count)
     rotation, centre = rotation.to(dtype), centre.to(dtype)
     with torch.no_grad():
         cache = net.reconstruct(near["pictures"][None].to(dtype),
                                 (rotation[:, :count], centre[:, :count],
                                  near["intrinsics"][None].to(dtype)), int(want["p1"]))
         render = net.render(cache, (rotation[:, count:], centre[:, count:],
-                                    far["intrinsics"][None].to(dtype)), far["size"], int(want["p2"]))
+                                    far["intrinsics"][None].to(dtype)),
+                            far["size"], int(want["p2"]))
     worst = np.abs(render[0].double().numpy() - want["render"]).max()
     pairs = (("k0", cache[0][0]), ("v0", cache[0][1]), ("kL", cache[-1][0]), ("vL", cache[-1][1]))
     kept = max(np.abs(tensor[0].double().numpy() - want[name]).max() for name, tensor in pairs)

@@ -5,6 +5,7 @@ sees what it would have seen.
 """
 import dataclasses
 import itertools
+import math
 import random
 import threading
 import time
@@ -14,7 +15,7 @@ import torch
 # Scenes kept for validation; training seeds start above them.
 HELD_OUT_SEED = 1
 FIRST_TRAINING_SEED = 1 << 20
-# Kinds of scenes a recipe may ask for, as options of the generator (drivers/include/dio/sim_batch.h).
+# Kinds of scenes a recipe may ask for: options of the generator (drivers/include/dio/sim_batch.h).
 KINDS = {"all": 0, "tables": 16, "rooms": 32, "turntables": 64, "streets": 128}
 # Grids away from the square, as a difference of tokens across and down.
 ASPECTS = ((2, -2), (-2, 2), (1, -1), (-1, 1), (3, -2), (-2, 3))
@@ -65,15 +66,16 @@ def plan(recipe, seed, step, rank=0, ranks=1):
     `reuse` steps in a row share their scenes, with other views for context each time: for
     trainers that are faster than the generator.
     """
-    stage = next(s for s in recipe["stages"] if s.get("until_step") is None or step < s["until_step"])
-    group, views = step // stage.get("reuse", 1), stage["views"]
+    stage = next(s for s in recipe["stages"] if step < s.get("until_step", math.inf))
+    views, reuse = stage["views"], stage.get("reuse", 1)
+    group = step // reuse
     shared, own = random.Random(f"{seed}/group {group}"), random.Random(f"{seed}/step {step}")
     size, patches = draw_size(shared, stage)
     tokens = size[0] * size[1] / (patches[0] * patches[1])
     scenes = max(1, round(stage["tokens"] / (views * tokens)))
-    kinds = draw_kinds(random.Random(f"{seed}/group {group}/{rank}"), stage.get("kinds", {"all": 1}),
-                       scenes)
-    order = tuple(own.sample(range(views), views)) if stage.get("reuse", 1) > 1 else tuple(range(views))
+    mine = random.Random(f"{seed}/group {group}/{rank}")
+    kinds = draw_kinds(mine, stage.get("kinds", {"all": 1}), scenes)
+    order = tuple(own.sample(range(views), views) if reuse > 1 else range(views))
     first = FIRST_TRAINING_SEED + (seed << 40) + (group * ranks + rank) * 4096
     return Step(int(pick(own, stage["context"])), size, patches, first, kinds, order)
 

@@ -4,9 +4,9 @@
   evaluate.py generated --out FOLDER [--scenes 64]          make held-out sets (never trained on)
   evaluate.py score --model M --sets FOLDER... [--patches 32,32 16,16] [--out RESULT.json]
 
-FOLDER holds prepared sets, one sub-folder each (scene.json, pictures), of generated scenes or of real
-captures. Real captures are for evaluation alone. Needs build/release/bin/diorama; --baselines names
-the script that makes the plane-sweep figures (it needs OpenCV's Python module).
+FOLDER holds prepared sets, one sub-folder each (scene.json, pictures), of generated scenes or of
+real captures. Real captures are for evaluation alone. Needs build/release/bin/diorama; --baselines
+names the script that makes the plane-sweep figures (it needs OpenCV's Python module).
 """
 import argparse
 import json
@@ -127,15 +127,16 @@ def score(args):
             print(flush=True)
             if args.verbose:
                 for row in rows:
-                    print(f"    {row['set']:20s} {row['psnr_db']:6.2f} dB {row['ssim']:.3f}   nearest "
-                          f"{row['nearest_psnr_db']:6.2f} dB {row['nearest_ssim']:.3f}")
+                    print(f"    {row['set']:20s} {row['psnr_db']:6.2f} dB {row['ssim']:.3f}   "
+                          f"nearest {row['nearest_psnr_db']:6.2f} dB {row['nearest_ssim']:.3f}")
     if args.out:
         with open(args.out, "w", encoding="utf-8") as file:
             json.dump({"model": os.path.basename(args.model), "results": results}, file, indent=1)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawTextHelpFormatter)
     verbs = parser.add_subparsers(dest="verb", required=True)
     make = verbs.add_parser("generated")
     make.add_argument("--out", required=True)
@@ -144,7 +145,8 @@ def main():
     rate = verbs.add_parser("score")
     rate.add_argument("--model", required=True)
     rate.add_argument("--sets", nargs="+", required=True)
-    rate.add_argument("--patches", nargs="*", default=[], help="p1,p2 ... (default: the engine's choice)")
+    rate.add_argument("--patches", nargs="*", default=[],
+                      help="p1,p2 ... (default: the engine's choice)")
     rate.add_argument("--out", help="all figures as JSON")
     rate.add_argument("--diorama", default=DIORAMA)
     rate.add_argument("--threads", type=int, default=0)

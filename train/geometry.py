@@ -18,7 +18,8 @@ def normalise_poses(poses, context):
     z = F.normalize(mean_z, dim=-1)
     x = torch.linalg.cross(mean_y, z)
     # Axes that cancel out (a full ring of level cameras) say nothing: take the first camera's.
-    bad = (mean_z.norm(dim=-1) < 1e-6) | (x.norm(dim=-1) < 1e-6 * mean_y.norm(dim=-1).clamp_min(1e-6))
+    shortest = 1e-6 * mean_y.norm(dim=-1).clamp_min(1e-6)
+    bad = (mean_z.norm(dim=-1) < 1e-6) | (x.norm(dim=-1) < shortest)
     x = F.normalize(x, dim=-1)
     axes = torch.stack([x, torch.linalg.cross(z, x), z], 1)
     axes = torch.where(bad[:, None, None], rotation[:, 0].transpose(1, 2), axes)
@@ -55,7 +56,7 @@ def ray_map(rotation, centre, intrinsics, size, map_size):
 
 @functools.lru_cache(maxsize=256)
 def _axis_weights(source, target):
-    """[target, source] resampling weights of one axis: box when shrinking, bilinear when growing."""
+    """[target, source] resampling weights of one axis: box to shrink, bilinear to grow."""
     weights = np.zeros((target, source))
     ratio = source / target
     for i in range(target):

@@ -15,7 +15,7 @@ VGG_TAPS = {3: 1 / 2.6, 8: 1 / 4.8, 13: 1 / 3.7, 22: 1 / 5.6}
 
 
 def gradients(got, want):
-    """Mean absolute difference of horizontal and vertical gradients over three scales; [n,3,h,w]."""
+    """Mean absolute difference of horizontal and vertical gradients, three scales; [n,3,h,w]."""
     total, error = 0.0, got - want
     for scale in range(3):
         if scale:

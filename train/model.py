@@ -230,7 +230,8 @@ class Dvsm(nn.Module):
             rotation, centre = geometry.normalise_poses(poses, context)
         near = (rotation[:, :context], centre[:, :context], intrinsics[:, :context])
         far = (rotation[:, context:], centre[:, context:], intrinsics[:, context:])
-        return self.render(self.reconstruct(pictures, near, patches[0]), far, target_size, patches[1])
+        cache = self.reconstruct(pictures, near, patches[0])
+        return self.render(cache, far, target_size, patches[1])
 
 
 def compile_blocks():
@@ -245,7 +246,8 @@ def save(path, weights, config, dtype=torch.bfloat16):
     for name, tensor in tensors.items():
         if not torch.isfinite(tensor).all():
             raise ValueError(f"{path}: tensor {name} holds a non-finite number; nothing written")
-    safetensors_io.save(path, tensors, {"format": "dvsm", "version": "1", "config": config.to_json()})
+    metadata = {"format": "dvsm", "version": "1", "config": config.to_json()}
+    safetensors_io.save(path, tensors, metadata)
 
 
 def expected_shapes(config):
@@ -264,7 +266,8 @@ def load(path, dtype=torch.float32):
         if name not in tensors:
             raise ValueError(f"{path}: tensor {name} is missing")
         if tuple(tensors[name].shape) != shape:
-            raise ValueError(f"{path}: tensor {name} is {list(tensors[name].shape)}, not {list(shape)}")
+            raise ValueError(f"{path}: tensor {name} is {list(tensors[name].shape)}, "
+                             f"not {list(shape)}")
     model = Dvsm(config).to(dtype)
     model.load_state_dict({name: tensors[name].to(dtype) for name in expected_shapes(config)})
     return model

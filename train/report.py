@@ -86,5 +86,6 @@ def sheet(rows, path, height=96):
                          [1:height + 1])
         lines.append(np.concatenate(tiles, 1))
     width = max(line.shape[1] for line in lines)
-    lines = [np.pad(l, ((0, 4), (0, width - l.shape[1]), (0, 0)), constant_values=255) for l in lines]
+    lines = [np.pad(line, ((0, 4), (0, width - line.shape[1]), (0, 0)), constant_values=255)
+             for line in lines]
     Image.fromarray(np.concatenate(lines)).save(path)

@@ -44,7 +44,7 @@ def unpack(data, name="safetensors data"):
         raise ValueError(f"{name}: {len(data)} bytes are too few for a safetensors file")
     size = int.from_bytes(data[:8], "little")
     if size > len(data) - 8:
-        raise ValueError(f"{name}: header of {size} bytes runs past the end; is the file cut short?")
+        raise ValueError(f"{name}: header of {size} bytes runs past the end; is it cut short?")
     header = json.loads(data[8:8 + size])
     metadata = header.pop("__metadata__", {})
     body = memoryview(data)[8 + size:]

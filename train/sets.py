@@ -7,6 +7,10 @@ import torch
 from PIL import Image
 
 
+def read_picture(path):
+    return np.asarray(Image.open(path).convert("RGB"), np.float32) / 255
+
+
 def load(folder):
     """A scene.json: dict of name, and context / target with pictures, poses, intrinsics, files.
 
@@ -21,8 +25,8 @@ def load(folder):
     for role, frames in roles.items():
         if not frames:
             raise ValueError(f"{folder}/scene.json: no {role} frame")
-        pictures = [np.asarray(Image.open(os.path.join(folder, f["file"])).convert("RGB"), np.float32) / 255
-                    if f.get("file") else None for f in frames]
+        pictures = [read_picture(os.path.join(folder, f["file"])) if f.get("file") else None
+                    for f in frames]
         cameras = [f.get("camera", scene["camera"]) for f in frames]
         out[role] = {
             "pictures": torch.from_numpy(np.stack(pictures)) if pictures[0] is not None else None,

@@ -7,10 +7,9 @@
 A run that finds a checkpoint in RUN goes on from it. RUN/model.safetensors is the exported average.
 """
 import argparse
-import contextlib
+import itertools
 import json
 import os
-import random
 import signal
 import sys
 import time
@@ -20,7 +19,6 @@ import torch.distributed as dist
 
 import checkpoint
 import data
-import geometry
 import losses
 import model as dvsm
 import optim
@@ -29,7 +27,8 @@ import source
 
 
 def arguments():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawTextHelpFormatter)
     add = parser.add_argument
     add("--recipe", required=True, help="JSON: model, optimiser, schedule, stages")
     add("--out", required=True, help="folder of the run")
@@ -57,9 +56,9 @@ class Place:
         self.ranks = int(os.environ.get("WORLD_SIZE", 1))
         self.rank = int(os.environ.get("RANK", 0))
         cuda = torch.cuda.is_available()
-        self.device = torch.device("cuda", int(os.environ.get("LOCAL_RANK", 0)) if cuda else 0) \
-            if cuda else torch.device("cpu")
+        self.device = torch.device("cpu")
         if cuda:
+            self.device = torch.device("cuda", int(os.environ.get("LOCAL_RANK", 0)))
             torch.cuda.set_device(self.device)
             torch.backends.cuda.matmul.allow_tf32 = True
         if self.ranks > 1:
@@ -140,9 +139,8 @@ class Run:
                     continue
                 kinds = [k for k in state if k.startswith("moments.") and name in state[k]]
                 for kind in kinds:
-                    moment = state[kind][name]
-                    optimiser.state[weight][kind[8:]] = moment.to(weight.device) \
-                        if moment.dim() else moment
+                    moment = kind.removeprefix("moments.")
+                    optimiser.state[weight][moment] = state[kind][name].to(weight.device)
         for key in ("step", "scenes", "targets", "seconds", "cpu_seconds", "decay_from"):
             setattr(self, key, facts[key])
         self.average.count = facts["average_count"]
@@ -211,75 +209,110 @@ def say(place, text):
         print(text, flush=True)
 
 
-def write_report(run, held_out, log):
-    """Held-out figure, curve, sheet and checkpoint; on the first process."""
-    figure, rows = held_out.measure(run)
-    row = {"step": run.step, "seconds": round(run.seconds, 1),
-           "cpu_minutes": round(run.cpu_seconds / 60, 2), "scenes": run.scenes,
-           "targets": run.targets, "held_out_psnr": round(figure, 3)}
-    log.write(json.dumps(row) + "\n")
-    log.flush()
-    report.curve(report.read_log(log.name), os.path.join(run.args.out, "curve.png"))
-    report.sheet(rows, os.path.join(run.args.out, "samples.png"))
-    run.save()
-    say(run.place, f"step {run.step}  held-out {figure:.2f} dB  {run.scenes} scenes  "
-                   f"{row['cpu_minutes']:.1f} CPU min")
+class Journal:
+    """The run's log, curve, sheet and checkpoints; silent on all processes but the first."""
+
+    def __init__(self, run, held_out):
+        self.run, self.held_out, self.file = run, held_out, None
+        self.reported = time.monotonic()
+        os.makedirs(run.args.out, exist_ok=True)
+        if held_out:
+            self.file = open(os.path.join(run.args.out, "log.jsonl"), "a", encoding="utf-8")
+
+    def write(self, row):
+        if self.file:
+            self.file.write(json.dumps(row) + "\n")
+            self.file.flush()
+
+    def report(self):
+        """Held-out figure, curve, sheet and checkpoint."""
+        if not self.held_out:
+            return
+        run = self.run
+        figure, rows = self.held_out.measure(run)
+        minutes = run.cpu_seconds / 60
+        self.write({"step": run.step, "seconds": round(run.seconds, 1),
+                    "cpu_minutes": round(minutes, 2), "scenes": run.scenes, "targets": run.targets,
+                    "held_out_psnr": round(figure, 3)})
+        report.curve(report.read_log(self.file.name), os.path.join(run.args.out, "curve.png"))
+        report.sheet(rows, os.path.join(run.args.out, "samples.png"))
+        run.save()
+        say(run.place, f"step {run.step}  held-out {figure:.2f} dB  {run.scenes} scenes  "
+                       f"{minutes:.1f} CPU min")
+        self.reported = time.monotonic()
+
+    def report_when_due(self):
+        if time.monotonic() - self.reported > self.run.args.report_minutes * 60:
+            self.report()
+
+
+class Clock:
+    """Wall and processor time of a launch, and when it has to end."""
+
+    def __init__(self, run):
+        self.run, self.args, self.first = run, run.args, run.step
+        self.decay_from, self.stop = run.decay_from, []
+        self.start = self.wall = time.monotonic()
+        self.cpu = time.process_time()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: self.stop.append(True))
+
+    def elapsed(self):
+        return time.monotonic() - self.start
+
+    def ended(self):
+        """Steps or minutes are over, or a signal came, on any process."""
+        late = self.elapsed() > self.args.minutes * 60 or self.run.step >= self.args.steps
+        return self.run.place.mean(bool(self.stop) or late) > 0
+
+    def decay(self):
+        """How far the closing part of a run has come, in [0, 1]; by steps or by time."""
+        if not self.args.decay:
+            return self.decay_from
+        share = max((self.run.step - self.first) / max(1, self.args.steps - self.first),
+                    self.elapsed() / 60 / self.args.minutes)
+        return self.decay_from + (1 - self.decay_from) * min(1.0, share)
+
+    def tick(self):
+        """Add the time since the last tick to the run's."""
+        wall, cpu = time.monotonic(), time.process_time()
+        self.run.seconds += wall - self.wall
+        self.run.cpu_seconds += cpu - self.cpu
+        self.wall, self.cpu = wall, cpu
 
 
 def loop(args, recipe, place, run, generator):
     loss_of = losses.Loss(args.vgg).to(place.device)
-    say(place, f"{sum(w.numel() for w in run.net.parameters()) / 1e6:.1f} M weights on {place.device} "
-               f"x {place.ranks}; loss {loss_of.describe()}; optimiser {recipe['optimiser']}")
-    held_out = HeldOut(generator) if place.rank == 0 else None
-    first = run.step
-    steps = (data.plan(recipe, args.seed, n, place.rank, place.ranks) for n in range(first, 1 << 40))
+    weights = sum(weight.numel() for weight in run.net.parameters())
+    say(place, f"{weights / 1e6:.1f} M weights on {place.device} x {place.ranks}; "
+               f"loss {loss_of.describe()}; optimiser {recipe['optimiser']}")
+    journal = Journal(run, HeldOut(generator) if place.rank == 0 else None)
+    if run.step == 0:
+        journal.report()
+    steps = (data.plan(recipe, args.seed, n, place.rank, place.ranks)
+             for n in itertools.count(run.step))
     loader = data.Loader(generator, steps, args.data_threads, pin=place.device.type == "cuda")
-    stop = []
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.append(True))
-    os.makedirs(args.out, exist_ok=True)
-    log = open(os.path.join(args.out, "log.jsonl"), "a", encoding="utf-8") \
-        if place.rank == 0 else contextlib.nullcontext()
-    start, before, reported, cpu = time.monotonic(), time.monotonic(), time.monotonic(), time.process_time()
-    decay_from = run.decay_from
-    with log:
-        if held_out and first == 0:
-            write_report(run, held_out, log)
-        while True:
-            share = 0.0
-            if args.decay:
-                share = max((run.step - first) / max(1, args.steps - first),
-                            (time.monotonic() - start) / 60 / args.minutes)
-                run.decay_from = decay_from + (1 - decay_from) * min(1.0, share)
-            ended = place.mean(bool(stop) or run.step >= args.steps
-                               or time.monotonic() - start > args.minutes * 60)
-            if ended > 0:
-                break
-            step, batch = loader.get()
-            lr = optim.learning_rate(recipe, run.step, run.decay_from)
-            loss, error, norm = run.train_step(step, batch, loss_of, lr)
-            run.step += 1
-            run.scenes += step.scenes() * place.ranks
-            run.targets += step.scenes() * step.targets() * place.ranks
-            now, now_cpu = time.monotonic(), time.process_time()
-            run.seconds, run.cpu_seconds = run.seconds + now - before, run.cpu_seconds + now_cpu - cpu
-            before, cpu = now, now_cpu
-            if place.rank == 0 and run.step % 10 == 0:
-                row = {"step": run.step, "seconds": round(run.seconds, 1), "lr": lr,
-                       "loss": round(loss.item(), 6), "mse": round(error.item(), 6),
-                       "norm": round(norm.item(), 4), "context": step.context, "size": step.size,
-                       "patches": step.patches, "scenes": run.scenes,
-                       "wait": round(loader.waited / max(1e-9, now - start), 4)}
-                log.write(json.dumps(row) + "\n")
-                log.flush()
-            if held_out and now - reported > args.report_minutes * 60:
-                write_report(run, held_out, log)
-                reported = time.monotonic()
-        loader.close()
-        if held_out:
-            write_report(run, held_out, log)
-    waited = loader.waited / max(1e-9, time.monotonic() - start)
-    say(place, f"stopped at step {run.step}; waited for data {100 * waited:.1f} % of the time")
+    clock = Clock(run)
+    while not clock.ended():
+        run.decay_from = clock.decay()
+        step, batch = loader.get()
+        lr = optim.learning_rate(recipe, run.step, run.decay_from)
+        loss, error, norm = run.train_step(step, batch, loss_of, lr)
+        run.step += 1
+        run.scenes += step.scenes() * place.ranks
+        run.targets += step.scenes() * step.targets() * place.ranks
+        clock.tick()
+        if run.step % 10 == 0:
+            journal.write({"step": run.step, "seconds": round(run.seconds, 1), "lr": lr,
+                           "loss": round(loss.item(), 6), "mse": round(error.item(), 6),
+                           "norm": round(norm.item(), 4), "context": step.context,
+                           "size": step.size, "patches": step.patches, "scenes": run.scenes,
+                           "wait": round(loader.waited / clock.elapsed(), 4)})
+        journal.report_when_due()
+    loader.close()
+    journal.report()
+    say(place, f"stopped at step {run.step}; waited for data "
+               f"{100 * loader.waited / max(1e-9, clock.elapsed()):.1f} % of the time")
 
 
 def main():

@@ -93,7 +93,8 @@ class Trainer(unittest.TestCase):
 
     def test_exported_weights_come_back_the_same(self):
         net = dvsm.Dvsm(dvsm.Config(**TINY))
-        dvsm.save(self.path("m.safetensors"), dict(net.named_parameters()), net.config, torch.float32)
+        weights = dict(net.named_parameters())
+        dvsm.save(self.path("m.safetensors"), weights, net.config, torch.float32)
         again = dvsm.load(self.path("m.safetensors"))
         self.assertEqual(again.config, net.config)
         for name, weight in net.named_parameters():
