@@ -22,8 +22,9 @@ static const struct {
 } TIERS[] = {
 	{"auto", DVSM_CPU_ALL},
 	{"scalar", DVSM_CPU_SCALAR},
-	{"avx2", DVSM_CPU_SCALAR | DVSM_CPU_AVX2},
-	{"avx512", DVSM_CPU_SCALAR | DVSM_CPU_AVX2 | DVSM_CPU_AVX512},
+	{"sse2", DVSM_CPU_SCALAR | DVSM_CPU_SSE2},
+	{"avx2", DVSM_CPU_SCALAR | DVSM_CPU_SSE2 | DVSM_CPU_AVX2},
+	{"avx512", DVSM_CPU_SCALAR | DVSM_CPU_SSE2 | DVSM_CPU_AVX2 | DVSM_CPU_AVX512},
 	{"neon", DVSM_CPU_SCALAR | DVSM_CPU_NEON},
 };
 
@@ -127,7 +128,7 @@ static enum dio_options_result set_tier(const struct dio_usage *usage,
 		*(uint32_t *)option->target = TIERS[i].mask;
 		return DIO_OPTIONS_RUN;
 	}
-	return wrong_value(usage, option, text, "auto, scalar, avx2, avx512 or neon");
+	return wrong_value(usage, option, text, "auto, scalar, sse2, avx2, avx512 or neon");
 }
 
 static enum dio_options_result set_option(const struct dio_usage *usage,

@@ -30,7 +30,7 @@
 #define DIO_OPTION_CPU(s)                                                                          \
 	{                                                                                          \
 		"cpu", DIO_OPTION_TIER, "TIER",                                                    \
-			"highest instruction set: auto, scalar, avx2, avx512, neon\n"              \
+			"highest instruction set: auto, scalar, sse2, avx2, avx512, neon\n"        \
 			"(default: auto)",                                                         \
 			&(s).cpu_mask, 0, 0, false                                                 \
 	}

@@ -7,7 +7,8 @@
 #define XCR0_AVX    0x06u /* SSE and AVX state */
 #define XCR0_AVX512 0xe6u /* these, opmask, upper halves of zmm0-15, zmm16-31 */
 
-/* CPUID tells what the processor has; XCR0 tells which registers the system saves. */
+/* SSE2 is part of the x86-64 base. CPUID tells what more there is; XCR0 tells which registers the
+ * system saves. */
 static uint32_t read_xcr0(void)
 {
 	uint32_t low, high;
@@ -18,7 +19,7 @@ static uint32_t read_xcr0(void)
 
 uint32_t dvsm_cpu_detect(void)
 {
-	uint32_t mask = DVSM_CPU_SCALAR;
+	uint32_t mask = DVSM_CPU_SCALAR | DVSM_CPU_SSE2;
 	uint32_t eax, ebx, ecx, edx, xcr0;
 
 	if (!__get_cpuid(1, &eax, &ebx, &ecx, &edx) || !(ecx & bit_OSXSAVE))
@@ -61,6 +62,7 @@ static const struct dvsm_kernels *const tiers[] = {
 #if defined(__x86_64__)
 	&dvsm_kernels_avx512,
 	&dvsm_kernels_avx2,
+	&dvsm_kernels_sse2,
 #elif defined(__aarch64__)
 	&dvsm_kernels_neon,
 #endif

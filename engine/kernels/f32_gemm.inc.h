@@ -6,7 +6,7 @@
  *   GEMM_PANELS   weight panels that a full tile takes
  *
  * A tile keeps GEMM_ROWS x GEMM_PANELS x 16 sums in registers while it walks the depth: per step it
- * loads the weights once and one number of each row of A. Each sum is one chain of fused
+ * loads the weights once and one number of each row of A. Each sum is one chain of
  * multiply-adds over the depth, whichever tile shape computes it.
  */
 
@@ -94,9 +94,9 @@ DVSM_INLINE void gemm_columns(const int panels, const float *a, size_t a_stride,
 
 	while (rows >= GEMM_ROWS)
 		TILE(GEMM_ROWS);
-	if (rows >= 4)
+	if (GEMM_ROWS > 4 && rows >= 4)
 		TILE(4);
-	if (rows >= 2)
+	if (GEMM_ROWS > 2 && rows >= 2)
 		TILE(2);
 	if (rows >= 1)
 		TILE(1);

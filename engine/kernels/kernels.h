@@ -106,6 +106,7 @@ static inline size_t dvsm_attention_scratch(size_t head_dim)
 
 /* The sets, each in the file of its name; those of other architectures are not built. */
 extern const struct dvsm_kernels dvsm_kernels_scalar;
+extern const struct dvsm_kernels dvsm_kernels_sse2;
 extern const struct dvsm_kernels dvsm_kernels_avx2;
 extern const struct dvsm_kernels dvsm_kernels_avx512;
 extern const struct dvsm_kernels dvsm_kernels_neon;

@@ -1,4 +1,4 @@
-/* What both x86 tiers share: a 4 x 4 transpose in the low lanes. */
+/* What the x86 tiers share: a 4 x 4 transpose in the low lanes. */
 #ifndef DVSM_KERNELS_VEC_SSE_H
 #define DVSM_KERNELS_VEC_SSE_H
 

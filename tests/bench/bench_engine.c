@@ -27,7 +27,7 @@ static const char usage[] =
 	"  --views V      context views (4)\n"
 	"  --threads T    0 for all processors (0)\n"
 	"  --runs N       timed runs of each, after one that is not (7)\n"
-	"  --cpu TIER     scalar, avx2, avx512 or neon (the best)\n";
+	"  --cpu TIER     scalar, sse2, avx2, avx512 or neon (the best)\n";
 
 static uint32_t number(const char *text)
 {

@@ -22,7 +22,8 @@
 #define CACHE_TOLERANCE	 1e-5
 
 static const uint32_t thread_counts[] = {1, 2, 3, 5};
-static const uint32_t tiers[] = {DVSM_CPU_SCALAR, DVSM_CPU_AVX2, DVSM_CPU_AVX512, DVSM_CPU_NEON};
+static const uint32_t tiers[] = {DVSM_CPU_SCALAR, DVSM_CPU_SSE2, DVSM_CPU_AVX2, DVSM_CPU_AVX512,
+				 DVSM_CPU_NEON};
 
 #define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 

@@ -27,10 +27,11 @@
 
 static struct support_random rng;
 
-static const struct dvsm_kernels *tiers[4];
+static const struct dvsm_kernels *tiers[5];
 static size_t tier_count;
 
-/* Around the tiles of every tier: 4, 6 and 8 rows, 16 and 48 columns, 16 and 64 lanes, 64 keys. */
+/* Around the tiles of every tier: 2, 4, 6 and 8 rows, 16 and 48 columns, 16 and 64 lanes, 64 keys.
+ */
 static const size_t edges[] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  9,  12, 13, 15,
 			       16, 17, 31, 32, 33, 47, 48, 49, 63, 64, 65, 96, 97};
 

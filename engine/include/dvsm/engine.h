@@ -17,16 +17,17 @@ extern "C" {
 /** Instruction-set tiers, ordered within an architecture; the mask says which may be used. */
 enum dvsm_cpu {
 	DVSM_CPU_SCALAR = 1u << 0, /* always present: the specification */
-	DVSM_CPU_AVX2 = 1u << 1,   /* AVX2 and FMA */
-	DVSM_CPU_AVX512 = 1u << 2, /* AVX-512 F, BW, DQ, VL */
-	DVSM_CPU_NEON = 1u << 3,
+	DVSM_CPU_SSE2 = 1u << 1,   /* every x86-64 */
+	DVSM_CPU_AVX2 = 1u << 2,   /* AVX2 and FMA */
+	DVSM_CPU_AVX512 = 1u << 3, /* AVX-512 F, BW, DQ, VL */
+	DVSM_CPU_NEON = 1u << 4,   /* every aarch64 */
 	DVSM_CPU_ALL = 0xffffffffu,
 };
 
 /** Tiers that this CPU and operating system offer (CPUID and XCR0, or HWCAP). */
 DVSM_API uint32_t dvsm_cpu_detect(void);
 
-/** Name of the best tier in a mask: "scalar", "avx2", "avx512", "neon". */
+/** Name of the best tier in a mask: "scalar", "sse2", "avx2", "avx512", "neon". */
 DVSM_API const char *dvsm_cpu_name(uint32_t mask);
 
 /**
