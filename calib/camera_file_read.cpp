@@ -96,7 +96,7 @@ std::vector<double> matrix(const char *path, const cv::FileNode &root, const cha
 	cv::FileNode data = require(path, node, "data");
 	std::vector<double> values;
 	if (data.isSeq())
-		for (cv::FileNode value : data)
+		for (const cv::FileNode &value : data)
 			values.push_back(number(path, value, key));
 	if (values.empty() || rows * cols != double(values.size()))
 		fail(DIO_BAD_FILE, "%s: '%s' states %gx%g numbers and has %zu", path, key, rows,

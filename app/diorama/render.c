@@ -77,7 +77,7 @@ static enum dio_status open_sinks(const struct render_job *job, const struct sho
 {
 	const struct dio_camera_model *first = &shots->list[0].camera;
 	enum dio_status status = DIO_OK;
-	size_t numbers = 0;
+	size_t numbers = 3;
 	char *path;
 
 	for (uint32_t i = 0; i < shots->count; i++) {
@@ -179,7 +179,11 @@ static enum dio_status render_all(const struct render_job *job, struct dio_sessi
 {
 	struct sinks sinks = {0};
 	struct dio_progress progress;
-	enum dio_status status = open_sinks(job, shots, &sinks, error);
+	enum dio_status status;
+
+	if (shots->count == 0)
+		return dio_fail(error, DIO_BAD_ARG, "%s: no viewpoint to render", shots->name);
+	status = open_sinks(job, shots, &sinks, error);
 
 	dio_progress_init(&progress, "rendering");
 	for (uint32_t i = 0; status == DIO_OK && i < shots->count; i++) {
@@ -244,7 +248,7 @@ static enum dio_status render(const struct render_job *job, struct dio_error *er
 	struct dio_view_set set = {0};
 	struct dio_session *session = NULL;
 	struct shots shots = {0};
-	uint64_t render_ns;
+	uint64_t render_ns = 0;
 	enum dio_status status;
 
 	/* First of all, so that nobody waits for pictures that have nowhere to go. */

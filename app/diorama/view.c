@@ -151,7 +151,7 @@ static enum dio_status look(struct dio_session *session, const struct dio_camera
 {
 	struct dio_window_input input = {0};
 	struct dio_picture picture = {0};
-	struct dio_orbit orbit;
+	struct dio_orbit orbit = {0};
 	struct dio_pose pose;
 	struct eye eye = {0};
 	bool moved = true;

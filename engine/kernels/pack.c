@@ -26,7 +26,7 @@ void dvsm_pack_pad(size_t rows, size_t depth, float *panels)
 
 void dvsm_pack_run(const float *numbers, size_t first, size_t count, size_t depth, float *panels)
 {
-	while (count > 0) {
+	while (count > 0 && depth > 0) {
 		size_t row = first / depth, d = first % depth;
 		size_t run = count < depth - d ? count : depth - d;
 		float *place =
