@@ -22,8 +22,8 @@ constexpr uint32_t kLeastViews = 4;
 /* Above this share of the picture's diagonal the corners do not belong to one camera and board. */
 constexpr double kMaxRmsShare = 0.002;
 
-/* A focal length known worse than this is not known. */
-constexpr double kMaxFocalSigmaShare = 0.02;
+/* A focal length known worse than this is not known; boards of taped paper reach 3 percent. */
+constexpr double kMaxFocalSigmaShare = 0.05;
 
 /* More than this share of contradicting views: which side is right cannot be told. */
 constexpr double kMaxOutlierShare = 1.0 / 3;
@@ -165,9 +165,11 @@ class Calibrator
 	void fit_final()
 	{
 		unsigned allowed = TERMS_TANGENTIAL | (options_.fix_k3 ? TERMS_NONE : TERMS_K3);
-		unsigned terms = choose_terms(views_, size_, allowed, fit_.lens);
-		fit_ = fit_views(views_, size_, terms, &fit_.lens);
-		report_fit();
+		Fit fullest = fit_views(views_, size_, allowed, &fit_.lens);
+		Uncertainty uncertainty = uncertainty_of(views_, fullest);
+		unsigned terms = choose_terms(fullest, uncertainty);
+		fit_ = terms == allowed ? fullest : fit_views(views_, size_, terms, &fit_.lens);
+		report_fit(sigmas_of(views_, fit_, fullest, uncertainty));
 		double sum = 0, corners = 0;
 		std::vector<double> errors = heldout_errors(views_, size_, terms, 2, fit_.lens);
 		for (size_t i = 0; i < views_.size(); i++) {
@@ -179,7 +181,7 @@ class Calibrator
 		calibration_.tilt_deg = tilt_of(fit_);
 	}
 
-	void report_fit()
+	void report_fit(const Parameters &sigmas)
 	{
 		dio_camera_model &model = calibration_.model;
 		model.width = uint32_t(size_.width);
@@ -191,12 +193,12 @@ class Calibrator
 		std::copy_n(fit_.lens.distortion.val, 5, model.dist);
 		calibration_.rms_px = fit_.rms_px;
 
-		std::array<double, 9> sigmas = parameter_sigmas(views_, fit_);
-		calibration_.sigma_fx = sigmas[0];
-		calibration_.sigma_fy = sigmas[1];
-		calibration_.sigma_cx = sigmas[2];
-		calibration_.sigma_cy = sigmas[3];
-		std::copy_n(sigmas.begin() + 4, 5, calibration_.sigma_dist);
+		calibration_.sigma_fx = sigmas(0);
+		calibration_.sigma_fy = sigmas(1);
+		calibration_.sigma_cx = sigmas(2);
+		calibration_.sigma_cy = sigmas(3);
+		for (int i = 0; i < 5; i++)
+			calibration_.sigma_dist[i] = sigmas(4 + i);
 		for (uint32_t i = 0; i < count_; i++)
 			report_view(i);
 	}

@@ -2,7 +2,6 @@
 #ifndef DIO_CALIB_CALIBRATE_HPP
 #define DIO_CALIB_CALIBRATE_HPP
 
-#include <array>
 #include <vector>
 
 #include <opencv2/core.hpp>
@@ -37,15 +36,36 @@ Fit fit_views(const Views &views, cv::Size size, unsigned terms, const Lens *sta
 std::vector<double> heldout_errors(const Views &views, cv::Size size, unsigned terms, int folds,
 				   const Lens &start);
 
-/**
- * Distortion terms that pay: starting from k1, k2, a term is added when it lowers the held-out
- * error of the views by more than two standard errors of that gain. Terms that only chase noise
- * would move the focal length with them.
- */
-unsigned choose_terms(const Views &views, cv::Size size, unsigned allowed, const Lens &start);
+/* calibrate_uncertainty.cpp */
 
-/** One standard deviation of fx, fy, cx, cy, k1, k2, p1, p2, k3; 0 for terms not estimated. */
-std::array<double, 9> parameter_sigmas(const Views &views, const Fit &fit);
+/** fx, fy, cx, cy, k1, k2, p1, p2, k3. */
+using Parameters = cv::Vec<double, 9>;
+using Covariance = cv::Matx<double, 9, 9>;
+
+struct Uncertainty {
+	Covariance covariance;	 /* rows and columns of terms not estimated are 0 */
+	double measurements = 0; /* independent ones that the corners are worth */
+};
+
+/**
+ * Covariance of a fit's parameters from its residuals, poses free. Where the views contradict each
+ * other by more than their corners' noise explains, it is larger by as much.
+ */
+Uncertainty uncertainty_of(const Views &views, const Fit &fit);
+
+/**
+ * The terms of the fullest fit that the views give evidence for, by Schwarz's criterion (BIC) in
+ * Wald's form: what leaving terms out adds to chi-square against ln(measurements) for each.
+ */
+unsigned choose_terms(const Fit &fullest, const Uncertainty &uncertainty);
+
+/**
+ * One standard deviation of each parameter of `fit`, whose terms were chosen from the fullest fit.
+ * A term left out is unproved, not known to be zero: a sigma is never below the fullest fit's, nor
+ * below the distance the choice moved the parameter.
+ */
+Parameters sigmas_of(const Views &views, const Fit &fit, const Fit &fullest,
+		     const Uncertainty &of_fullest);
 
 /* calibrate_views.cpp */
 

@@ -39,9 +39,12 @@ struct dio_calibration_options {
 void dio_calibration_defaults(struct dio_calibration_options *options);
 
 /**
- * The result. Sigmas are one standard deviation from the fit's covariance. Of the distortion, k1
- * and k2 are always estimated; p1, p2 and k3 where they lower the error of held-out views by more
- * than two standard errors, else they are 0 with sigma 0.
+ * The result. Of the distortion, k1 and k2 are always estimated; p1 with p2, and k3, where the
+ * views give evidence for them (BIC), else they are 0.
+ *
+ * Sigmas are one standard deviation, from the covariance of a fit with all terms: errors that a
+ * view's corners share are accounted for, and so is the doubt about a term that was left out, whose
+ * own sigma says how far from 0 it may be. A sigma of 0: the caller fixed the term.
  */
 struct dio_calibration {
 	struct dio_camera_model model;
@@ -66,7 +69,7 @@ struct dio_calibration {
  * options       NULL for the defaults
  *
  * DIO_REFUSED   too few views, too little tilt or coverage, held-out error far above the fit, a
- * focal length known to worse than 2 percent, more than a third of the views contradicting the
+ * focal length known to worse than 5 percent, more than a third of the views contradicting the
  * rest, an RMS above 0.2 percent of the picture's diagonal DIO_BAD_ARG   corners that are not
  * finite
  */

@@ -161,6 +161,89 @@ static void tangential_and_third_radial_terms_are_found_when_there(void **state)
 	sample_free(&sample);
 }
 
+/* Tangential terms too small to tell by eye: a picture changes by some 0.02 px, but a fit without
+ * them puts the principal point well off. */
+static void small_tangential_terms_are_found_or_stated_as_doubt(void **state)
+{
+	enum { REPEATS = 4, CASES = 2 };
+	static const double p1[CASES] = {5e-4, 2e-4}, sigma_px[CASES] = {0.04, 0.1};
+	static const uint32_t views[CASES] = {30, 15};
+
+	(void)state;
+	for (uint32_t i = 0; i < CASES * REPEATS; i++) {
+		struct dio_camera_model lens = truth;
+		struct sample sample;
+		struct dio_calibration c = {0};
+
+		lens.dist[2] = p1[i / REPEATS];
+		lens.dist[3] = -0.6 * lens.dist[2];
+		sample_init(&sample, 200 + i);
+		add_varied(&sample, &lens, views[i / REPEATS], sigma_px[i / REPEATS]);
+		calibrate_well(&sample, &c);
+		print_message("p1 %.1e: cx %+.2f +- %.2f, cy %+.2f +- %.2f, p1 %.1e +- %.1e\n",
+			      lens.dist[2], c.model.cx - lens.cx, c.sigma_cx, c.model.cy - lens.cy,
+			      c.sigma_cy, c.model.dist[2], c.sigma_dist[2]);
+		assert_true(fabs(c.model.cx - lens.cx) < 3.5 * c.sigma_cx);
+		assert_true(fabs(c.model.cy - lens.cy) < 3.5 * c.sigma_cy);
+		assert_true(fabs(c.model.dist[2] - lens.dist[2]) < 3.5 * c.sigma_dist[2]);
+		assert_true(fabs(c.model.dist[3] - lens.dist[3]) < 3.5 * c.sigma_dist[3]);
+		if (i < REPEATS)
+			assert_true(c.model.dist[2] != 0);
+		dio_calibration_deinit(&c);
+		sample_free(&sample);
+	}
+}
+
+/* A board held so that it bends: the corners of a view are off together, each view its own way. */
+static void bend(struct sample *sample, double by_px)
+{
+	for (uint32_t i = 0; i < sample->count; i++) {
+		struct dio_corners *corners = &sample->corners[i];
+		double coefficients[6];
+
+		for (int k = 0; k < 6; k++)
+			coefficients[k] = by_px * noise(&sample->seed);
+		for (uint32_t at = 0; at < corners->count; at++) {
+			double x = corners->board_m[at][0] / 0.1 - 1;
+			double y = corners->board_m[at][1] / 0.0625 - 1;
+
+			for (int axis = 0; axis < 2; axis++) {
+				const double *k = coefficients + 3 * axis;
+
+				corners->image_px[at][axis] +=
+					(float)(k[0] * x * x + k[1] * x * y + k[2] * y * y);
+			}
+		}
+	}
+}
+
+static void errors_that_a_view_shares_widen_the_sigmas(void **state)
+{
+	enum { REPEATS = 8, PARAMETERS = 4 };
+	uint32_t within = 0;
+
+	(void)state;
+	for (uint32_t i = 0; i < REPEATS; i++) {
+		struct sample sample;
+		struct dio_calibration c = {0};
+
+		sample_init(&sample, 300 + i);
+		add_varied(&sample, &truth, 15, 0.05);
+		bend(&sample, 0.15);
+		calibrate_well(&sample, &c);
+		within += fabs(c.model.fx - truth.fx) < 2 * c.sigma_fx;
+		within += fabs(c.model.fy - truth.fy) < 2 * c.sigma_fy;
+		within += fabs(c.model.cx - truth.cx) < 2 * c.sigma_cx;
+		within += fabs(c.model.cy - truth.cy) < 2 * c.sigma_cy;
+		dio_calibration_deinit(&c);
+		sample_free(&sample);
+	}
+	print_message("%u of %u within two sigmas\n", within, REPEATS * PARAMETERS);
+	/* 95 percent are expected; fx and fy go together, so the count scatters by more than
+	 * a binomial one. */
+	assert_true(within >= REPEATS * PARAMETERS * 4 / 5);
+}
+
 static void terms_that_are_not_there_stay_zero(void **state)
 {
 	struct sample sample;
@@ -171,6 +254,18 @@ static void terms_that_are_not_there_stay_zero(void **state)
 	add_varied(&sample, &truth, 12, 0.3);
 	calibrate_well(&sample, &c);
 	assert_true(c.model.dist[2] == 0 && c.model.dist[3] == 0 && c.model.dist[4] == 0);
+	for (int i = 2; i < 5; i++)
+		assert_true(c.sigma_dist[i] > 0);
+	dio_calibration_deinit(&c);
+
+	struct dio_calibration_options options;
+
+	dio_calibration_defaults(&options);
+	options.fix_k3 = true;
+	assert_int_equal(dio_calibrate(&sample.board, sample.corners, sample.count, truth.width,
+				       truth.height, &options, &c, NULL),
+			 DIO_OK);
+	assert_true(c.model.dist[4] == 0 && c.sigma_dist[4] == 0);
 	dio_calibration_deinit(&c);
 	sample_free(&sample);
 }
@@ -402,6 +497,8 @@ int main(void)
 		cmocka_unit_test(known_camera_is_found_within_its_own_sigmas),
 		cmocka_unit_test(sigmas_are_the_scatter_of_repeated_calibrations),
 		cmocka_unit_test(tangential_and_third_radial_terms_are_found_when_there),
+		cmocka_unit_test(small_tangential_terms_are_found_or_stated_as_doubt),
+		cmocka_unit_test(errors_that_a_view_shares_widen_the_sigmas),
 		cmocka_unit_test(terms_that_are_not_there_stay_zero),
 		cmocka_unit_test(bad_views_are_left_out_with_a_reason),
 		cmocka_unit_test(views_of_another_zoom_are_left_out),
