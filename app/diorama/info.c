@@ -1,4 +1,5 @@
 /* info: what a file holds, told apart by content. */
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -157,8 +158,11 @@ static enum dio_status describe_file(const char *path, cJSON **about, struct dio
 	size_t size = stream ? fread(head, 1, PEEK_BYTES, stream) : 0;
 	enum dio_status status;
 
-	if (!stream)
-		status = dio_fail(error, DIO_NOT_FOUND, "%s: cannot be read", path);
+	if (!head)
+		status = dio_fail(error, DIO_NO_MEM, "%s: no memory to look into it", path);
+	else if (!stream)
+		status = dio_fail(error, dio_status_from_errno(errno), "%s: cannot open: %s", path,
+				  strerror(errno));
 	/* safetensors: eight bytes of length, then a JSON object. */
 	else if (size > 9 && head[8] == '{')
 		status = holds(head, size, "model_sha256") ? describe_cache(path, about, error)

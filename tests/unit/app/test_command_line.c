@@ -97,7 +97,7 @@ static void files_of_no_known_kind_are_refused(void **state)
 	fixture_diorama(&run, "info", fixture_path("junk"), NULL);
 	fixture_expect_refusal(&run, 1, "junk|is not a model");
 	fixture_diorama(&run, "info", fixture_path("nothing"), NULL);
-	fixture_expect_refusal(&run, 1, "nothing|cannot be read");
+	fixture_expect_refusal(&run, 1, "nothing|No such file");
 	fixture_write("half.safetensors", "\x40\x01\x01\x01\x01\x01\x01\x01{\"a\":");
 	fixture_diorama(&run, "info", fixture_path("half.safetensors"), NULL);
 	fixture_expect_refusal(&run, 1, "half.safetensors");
