@@ -113,6 +113,9 @@ struct prim *sim_add_turned(struct builder *b, enum shape shape, struct v3 centr
 	p->centre = v3_add(b->origin, rotate(&b->turn, centre));
 	p->half = half;
 	p->extra = extra;
+	p->inv = v3(1 / half.x, 1 / half.y, 1 / half.z);
+	p->turn_cos = cos_turns(extra);
+	p->turn_sin = sin_turns(extra);
 	p->rot = compose(&b->turn, &turn);
 	p->material = *material;
 	p->reach = reach_of(p);

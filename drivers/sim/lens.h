@@ -75,13 +75,12 @@ DIO_SIM_FN struct lens_point lens_at(const struct dio_sim_camera *c, double u, d
 DIO_SIM_FN struct ray lens_ray(const struct dio_sim_camera *c, double x, double y)
 {
 	const double *m = c->world_from_camera;
-	struct ray r;
+	struct v3 from = v3((float)m[3], (float)m[7], (float)m[11]);
+	struct v3 along =
+		v3((float)(m[0] * x + m[1] * y + m[2]), (float)(m[4] * x + m[5] * y + m[6]),
+		   (float)(m[8] * x + m[9] * y + m[10]));
 
-	r.from = v3((float)m[3], (float)m[7], (float)m[11]);
-	r.along =
-		v3_unit(v3((float)(m[0] * x + m[1] * y + m[2]), (float)(m[4] * x + m[5] * y + m[6]),
-			   (float)(m[8] * x + m[9] * y + m[10])));
-	return r;
+	return ray_of(from, v3_unit(along), (float)(1 / c->fx));
 }
 
 #endif

@@ -21,10 +21,10 @@ struct picture {
 	const struct dio_sim_camera *camera;
 	uint32_t samples;
 	float pixel_angle;
-	float *rgb;	   /* [height][width][3] linear */
-	uint16_t *surface; /* [height][width] what the centre ray met, see trace.h */
-	uint8_t *refine;   /* [height][width] REFINE_ bits */
-	struct neighbourhood anywhere;
+	float *rgb;		   /* [height][width][3] linear */
+	uint16_t *surface;	   /* [height][width] what the centre ray met, see trace.h */
+	struct response *response; /* [height][width] of the centre ray */
+	uint8_t *refine;	   /* [height][width] REFINE_ bits */
 	struct tile *tiles;
 	size_t tile_count;
 };
@@ -101,8 +101,9 @@ static void first_pass(const struct picture *p, struct tile *t)
 		for (uint32_t x = t->x0; x < t->x1; x++, n++) {
 			size_t i = (size_t)y * p->camera->width + x;
 
-			store(p->rgb + 3 * i, light_from(p->scene, &rays[n], &hits[n],
-							 p->pixel_angle, 0, &t->near));
+			store(p->rgb + 3 * i,
+			      light_from(p->scene, &rays[n], &hits[n], p->pixel_angle, SIM_LAMP_ALL,
+					 &t->near, &p->response[i]));
 			p->surface[i] = (uint16_t)hits[n].id;
 		}
 	}
@@ -111,19 +112,35 @@ static void first_pass(const struct picture *p, struct tile *t)
 /* Why one ray is not enough for a pixel. */
 enum {
 	REFINE_OUTLINE = 1, /* a neighbour shows another surface */
-	REFINE_INSIDE = 2,  /* the same surface changes: a shadow's edge, print */
+	REFINE_LIGHT = 2,   /* the same surface changes: a shadow's edge, a reflection */
+	REFINE_PRINT = 4,   /* the same surface in the same light changes: its texture */
 };
 
 /* A step that the eye or a corner detector would notice. */
 static bool differs(const float *a, const float *b)
 {
+	float most = -1;
+
 	for (int c = 0; c < 3; c++) {
 		float u = minf(a[c], 1), v = minf(b[c], 1);
 
-		if (absf(u - v) > 0.03f + 0.12f * maxf(u, v))
-			return true;
+		most = maxf(most, absf(u - v) - (0.03f + 0.12f * maxf(u, v)));
 	}
-	return false;
+	return most > 0;
+}
+
+/* Of two neighbours: REFINE_ bits. Those at a corner are asked about outlines only: other steps
+ * between them show beside one of the two as well. */
+static uint8_t step_between(const struct picture *p, size_t i, size_t j, bool corner)
+{
+	uint8_t lamps = p->response[i].lamps;
+
+	if (p->surface[i] != p->surface[j])
+		return REFINE_OUTLINE;
+	if (corner || !differs(p->rgb + 3 * i, p->rgb + 3 * j))
+		return 0;
+	return lamps == p->response[j].lamps && lamps != SIM_LAMPS_UNTOLD ? REFINE_PRINT
+									  : REFINE_LIGHT;
 }
 
 /* Mark the pixels that differ from one of their eight neighbours. */
@@ -141,14 +158,11 @@ static void mark_steps(const struct picture *p)
 
 			for (int k = 0; k < 4; k++) {
 				size_t j = next[k];
-				uint8_t why = 0;
+				uint8_t why;
 
 				if (!there[k])
 					continue;
-				if (p->surface[i] != p->surface[j])
-					why = REFINE_OUTLINE;
-				else if (differs(p->rgb + 3 * i, p->rgb + 3 * j))
-					why = REFINE_INSIDE;
+				why = step_between(p, i, j, k & 1);
 				p->refine[i] |= why;
 				p->refine[j] |= why;
 			}
@@ -156,34 +170,79 @@ static void mark_steps(const struct picture *p)
 	}
 }
 
-/* Colours of the surfaces that a pixel on an outline shows; each is worked out once. */
-enum { PALETTE_SIZE = 4 };
+/* What a pixel and its neighbours show: nearly all that rays within the pixel can meet. */
+enum { AROUND_MAX = 9 };
 
-struct palette {
+struct around {
+	struct prim_set prims;
 	uint32_t count;
-	uint16_t surface[PALETTE_SIZE];
-	struct v3 colour[PALETTE_SIZE];
+	uint16_t surface[AROUND_MAX];
+	size_t shown_by[AROUND_MAX]; /* a pixel, its own if possible */
+	bool known[AROUND_MAX];
+	struct v3 colour[AROUND_MAX]; /* where known */
 };
 
-static struct v3 sample_light(const struct picture *p, const struct tile *t, const struct ray *r,
-			      uint32_t turn, struct palette *known)
+static void around_add(const struct picture *p, struct around *a, size_t pixel)
 {
+	uint16_t surface = p->surface[pixel];
+
+	for (uint32_t i = 0; i < a->count; i++)
+		if (a->surface[i] == surface)
+			return;
+	a->surface[a->count] = surface;
+	a->shown_by[a->count] = pixel;
+	a->known[a->count++] = false;
+	if (surface >= SIM_ID_PRIM)
+		set_add(&a->prims, (surface - SIM_ID_PRIM) / 4u);
+}
+
+static void look_around(const struct picture *p, uint32_t x, uint32_t y, struct around *a)
+{
+	size_t width = p->camera->width, here = y * width + x;
+	uint32_t x0 = x > 0 ? x - 1 : 0, x1 = x + 1 < width ? x + 1 : x;
+	uint32_t y0 = y > 0 ? y - 1 : 0, y1 = y + 1 < p->camera->height ? y + 1 : y;
+
+	a->prims = set_of_none();
+	a->count = 0;
+	around_add(p, a, here);
+	if (!(p->refine[here] & REFINE_OUTLINE)) /* one surface all around */
+		return;
+	for (uint32_t v = y0; v <= y1; v++)
+		for (uint32_t u = x0; u <= x1; u++)
+			around_add(p, a, v * width + u);
+}
+
+/* Light along one of a pixel's rays: worked out anew where shadows or reflections change, else
+ * in the light that the neighbour's ray met on the same surface. */
+static struct v3 sample_light(const struct picture *p, const struct tile *t, const struct ray *r,
+			      uint32_t turn, uint8_t refine, struct around *a)
+{
+	float pixel_angle = p->pixel_angle / (float)p->samples;
 	const struct neighbourhood *near = &t->near;
+	struct response response;
 	struct scene_hit hit;
+	struct finish f;
+	uint32_t i = 0;
 	struct v3 c;
 
-	trace_nearest(p->scene, r, &t->met, &hit);
-	for (uint32_t i = 0; known && i < known->count; i++)
-		if (known->surface[i] == (uint16_t)hit.id)
-			return known->colour[i];
-	if (hit.material && !neighbourhood_holds(near, hit.point))
-		near = &p->anywhere;
-	c = light_from(p->scene, r, &hit, p->pixel_angle / (float)p->samples, turn, near);
+	trace_nearest(p->scene, r, &a->prims, &hit);
+	while (i < a->count && a->surface[i] != (uint16_t)hit.id)
+		i++;
+	if (refine & REFINE_LIGHT || i == a->count || !hit.material) {
+		if (hit.material && !neighbourhood_holds(near, hit.point))
+			near = NULL;
+		c = light_from(p->scene, r, &hit, pixel_angle, turn, near, &response);
+	} else if (a->known[i] && !(refine & REFINE_PRINT)) {
+		return a->colour[i];
+	} else {
+		f = hit_finish(p->scene, r, &hit, pixel_angle);
+		c = response_to(&p->response[a->shown_by[i]], f.albedo);
+	}
 	/* A glint must not outweigh the rest of the pixel: the sensor clips later. */
 	c = v3(minf(c.x, 2), minf(c.y, 2), minf(c.z, 2));
-	if (known && known->count < PALETTE_SIZE) {
-		known->surface[known->count] = (uint16_t)hit.id;
-		known->colour[known->count++] = c;
+	if (i < a->count) {
+		a->colour[i] = c;
+		a->known[i] = true;
 	}
 	return c;
 }
@@ -193,21 +252,19 @@ static struct v3 sample_pixel(const struct picture *p, const struct tile *t, uin
 {
 	struct lens_point q = lens_at(p->camera, x, y);
 	size_t i = (size_t)y * p->camera->width + x;
-	bool outline_only = p->refine[i] == REFINE_OUTLINE;
 	uint32_t n = p->samples;
 	struct v3 sum = v3(0, 0, 0);
-	struct palette known;
+	struct around around;
 
-	known.count = 1;
-	known.surface[0] = p->surface[i];
-	known.colour[0] =
-		v3(minf(p->rgb[3 * i], 2), minf(p->rgb[3 * i + 1], 2), minf(p->rgb[3 * i + 2], 2));
+	look_around(p, x, y, &around);
+	around.colour[0] = v3(p->rgb[3 * i], p->rgb[3 * i + 1], p->rgb[3 * i + 2]);
+	around.known[0] = true;
 	for (uint32_t k = 0; k < n * n; k++) {
 		double du = (k % n + 0.5) / n - 0.5, dv = (k / n + 0.5) / n - 0.5;
 		struct ray r = lens_ray(p->camera, q.x + q.dx_du * du + q.dx_dv * dv,
 					q.y + q.dy_du * du + q.dy_dv * dv);
 
-		sum = v3_add(sum, sample_light(p, t, &r, k, outline_only ? &known : NULL));
+		sum = v3_add(sum, sample_light(p, t, &r, k, p->refine[i], &around));
 	}
 	return v3_scale(sum, 1 / (float)(n * n));
 }
@@ -253,12 +310,12 @@ bool sim_render_linear(const struct dio_sim_scene *scene, const struct dio_sim_c
 	p.samples = samples < 1 ? 1 : samples > 8 ? 8 : samples;
 	p.pixel_angle = (float)(1 / camera->fx);
 	p.rgb = rgb;
-	p.anywhere = neighbourhood_anywhere(scene);
 	p.tile_count = across * down;
 	p.tiles = calloc(p.tile_count, sizeof(*p.tiles));
 	p.surface = malloc(pixels * sizeof(*p.surface));
+	p.response = malloc(pixels * sizeof(*p.response));
 	p.refine = calloc(pixels, sizeof(*p.refine));
-	ok = p.tiles && p.surface && p.refine;
+	ok = p.tiles && p.surface && p.response && p.refine;
 	if (ok) {
 		cut_tiles(&p);
 		for (size_t i = 0; i < p.tile_count; i++)
@@ -271,6 +328,7 @@ bool sim_render_linear(const struct dio_sim_scene *scene, const struct dio_sim_c
 	}
 	free(p.tiles);
 	free(p.surface);
+	free(p.response);
 	free(p.refine);
 	return ok;
 }

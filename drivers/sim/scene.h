@@ -62,9 +62,11 @@ struct prim {
 	enum shape shape;
 	struct v3 centre, half;
 	float extra;
-	float bound;	 /* radius of the bounding sphere about `centre` */
-	struct v3 reach; /* half sides of the bounding box in its own frame */
-	float top;	 /* highest z in the world */
+	struct v3 inv;		  /* 1 / half */
+	float turn_cos, turn_sin; /* of `extra` turns */
+	float bound;		  /* radius of the bounding sphere about `centre` */
+	struct v3 reach;	  /* half sides of the bounding box in its own frame */
+	float top;		  /* highest z in the world */
 	struct rotation rot;
 	struct material material;
 };

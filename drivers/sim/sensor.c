@@ -88,11 +88,9 @@ static bool blur(float *rgb, uint32_t width, uint32_t height, float sigma)
 /* Straight up to 0.7, then a shoulder that reaches 1 at 1.3: highlights keep some shape. */
 static float shoulder(float x)
 {
-	float t = (x - 0.7f) / 0.6f;
+	float t = minf((x - 0.7f) / 0.6f, 1), bent = 0.7f + 0.3f * t * (2 - t);
 
-	if (x <= 0.7f)
-		return x;
-	return t >= 1 ? 1 : 0.7f + 0.3f * t * (2 - t);
+	return x <= 0.7f ? x : bent;
 }
 
 bool sim_sensor_expose(const struct dio_sim_sensor *sensor, const struct dio_sim_camera *camera,
@@ -107,16 +105,17 @@ bool sim_sensor_expose(const struct dio_sim_sensor *sensor, const struct dio_sim
 	for (int c = 0; c < 3; c++)
 		gains[c] = exposure * (sensor->white_balance[c] > 0 ? sensor->white_balance[c] : 1);
 	for (uint32_t y = 0; y < h; y++) {
-		float dy = (float)y + 0.5f - 0.5f * (float)h;
+		float dy = (float)y + 0.5f - 0.5f * (float)h, *row = rgb + (size_t)y * w * 3;
 
 		for (uint32_t x = 0; x < w; x++) {
 			float dx = (float)x + 0.5f - 0.5f * (float)w;
 			float fall = 1 - sensor->vignetting * (dx * dx + dy * dy) * scale;
-			float *v = rgb + ((size_t)y * w + x) * 3;
 
-			for (int c = 0; c < 3; c++)
-				v[c] = srgb_encode(shoulder(v[c] * gains[c] * fall));
+			for (uint32_t c = 0; c < 3; c++)
+				row[3 * x + c] *= gains[c] * fall;
 		}
+		for (uint32_t i = 0; i < 3 * w; i++) /* without branches: vectors */
+			row[i] = srgb_encode(shoulder(row[i]));
 	}
 	return true;
 }

@@ -61,7 +61,8 @@ DIO_SIM_FN struct finish surface_finish(const struct dio_sim_scene *s, const str
 	return f;
 }
 
-/* What may shade the points of a small region: found once for a tile, used by its pixels. */
+/* What may shade the points of a small region: found once for a tile, used by its pixels. Functions
+ * that take one accept NULL for a point that lies anywhere. */
 struct neighbourhood {
 	struct v3 lo, hi;		      /* the region */
 	uint64_t ambient;		      /* things near enough to keep ambient light off */
@@ -107,18 +108,6 @@ DIO_SIM_FN struct neighbourhood neighbourhood_of(const struct dio_sim_scene *s, 
 	return n;
 }
 
-DIO_SIM_FN struct neighbourhood neighbourhood_anywhere(const struct dio_sim_scene *s)
-{
-	struct neighbourhood n;
-
-	n.lo = v3(-SIM_FAR, -SIM_FAR, -SIM_FAR);
-	n.hi = v3(SIM_FAR, SIM_FAR, SIM_FAR);
-	n.ambient = s->thing_count ? ~0ull >> (64 - s->thing_count) : 0;
-	for (uint32_t i = 0; i < SIM_MAX_LIGHTS; i++)
-		n.lamp[i] = set_of_all(s);
-	return n;
-}
-
 DIO_SIM_FN bool neighbourhood_holds(const struct neighbourhood *n, struct v3 p)
 {
 	return p.x >= n->lo.x && p.y >= n->lo.y && p.z >= n->lo.z && p.x <= n->hi.x &&
@@ -132,45 +121,66 @@ DIO_SIM_FN float ambient_open(const struct dio_sim_scene *s, struct v3 p, struct
 {
 	float open = 1;
 
-	for (uint32_t i = 0; mask >> i; i++) {
+	for (; mask; mask &= mask - 1) {
+		uint32_t i = lowest_bit(mask);
 		float x = s->mid_x[i] - p.x, y = s->mid_y[i] - p.y, z = s->mid_z[i] - p.z;
 		float dd = x * x + y * y + z * z + 1e-9f, toward = n.x * x + n.y * y + n.z * z;
-		float share = minf(s->occluder2[i] / dd, 1) - SIM_FAINT_SHADE;
+		float share;
 
-		if (mask >> i & 1 && toward > 0 && share > 0)
-			open *= 1 - 0.8f * share * minf(toward / sqrtf(dd), 1);
+		if (toward <= 0 || s->occluder2[i] <= SIM_FAINT_SHADE * dd)
+			continue;
+		share = minf(s->occluder2[i] / dd, 1) - SIM_FAINT_SHADE;
+		open *= 1 - 0.8f * share * minf(toward / sqrtf(dd), 1);
 	}
 	return open;
 }
 
-/* Which points of a lamp a ray asks about: four, turned by `turn` sixteenths so that the rays of
- * one pixel ask about other points; or its centre alone. */
+/* Which points of a lamp a ray asks about: the only ray of a pixel about four; one of several
+ * about two, turned by `turn` sixteenths so that the others ask about other points; or about the
+ * centre alone. */
 enum {
 	SIM_LAMP_TURNS = 4,
+	SIM_LAMP_ALL = 254,
 	SIM_LAMP_CENTRE = 255,
 };
 
-/* Share of the lamp seen from a point: whole quarters. */
+/* A lamp below this size (tangent of its angular radius) throws a half-shadow so narrow that two
+ * points which agree speak for all. */
+#define SIM_NARROW_LAMP 0.04f
+
+/* Share of the lamp seen from a point of a surface, behind what stands `before` it (NULL:
+ * anything): whole quarters. */
 DIO_SIM_FN float lamp_seen(const struct dio_sim_scene *s, struct v3 from, struct v3 to, float limit,
-			   float size, uint32_t turn, const struct prim_set *before)
+			   float size, float spread, uint32_t surface, uint32_t turn,
+			   const struct prim_set *before)
 {
 	const float turn_cos[SIM_LAMP_TURNS] = {0.7f, 0.647f, 0.495f, 0.268f};
 	const float turn_sin[SIM_LAMP_TURNS] = {0.0f, 0.268f, 0.495f, 0.647f};
 	bool sharp = size < 0.004f || turn == SIM_LAMP_CENTRE;
-	struct beam beam = beam_of(from, to, limit, 0, sharp ? 0 : size);
-	struct prim_set set = set_within_beam(s, before, &beam);
-	float c = size * turn_cos[turn % SIM_LAMP_TURNS],
-	      d = size * turn_sin[turn % SIM_LAMP_TURNS];
-	uint32_t seen = 0;
+	uint32_t seen = 0, step;
+	struct prim_set set;
 	struct v3 u, v;
 	struct ray r;
+	float c, d;
 
+	if (before && set_is_empty(before))
+		return 1;
+	r = ray_of(from, to, spread);
+	if (before && sharp) {
+		set = *before;
+	} else {
+		struct beam beam = beam_of(from, to, limit, 0, sharp ? 0 : size);
+
+		set = before ? set_within_beam(s, before, &beam) : set_of_beam(s, &beam);
+	}
+	set_remove_own(s, surface, &set);
 	if (set_is_empty(&set))
 		return 1;
-	r.from = from;
-	r.along = to;
 	if (sharp)
 		return trace_blocked(s, &r, &set, limit) ? 0 : 1;
+	step = turn == SIM_LAMP_ALL ? 0 : turn % SIM_LAMP_TURNS;
+	c = size * turn_cos[step];
+	d = size * turn_sin[step];
 	u = v3_unit(v3_cross(to, absf(to.z) < 0.9f ? v3(0, 0, 1) : v3(1, 0, 0)));
 	v = v3_cross(to, u);
 	for (uint32_t i = 0; i < 4; i++) {
@@ -178,8 +188,11 @@ DIO_SIM_FN float lamp_seen(const struct dio_sim_scene *s, struct v3 from, struct
 		float x = i == 0 ? c : i == 1 ? -c : i == 2 ? -d : d;
 		float y = i == 0 ? d : i == 1 ? -d : i == 2 ? c : -c;
 
-		/* Three that agree speak for the fourth. */
-		if (i == 3 && seen % 3 == 0)
+		if (i == 2 && turn != SIM_LAMP_ALL)
+			return 0.5f * (float)seen;
+		if (i == 2 && size < SIM_NARROW_LAMP && seen % 2 == 0)
+			return seen ? 1 : 0;
+		if (i == 3 && seen % 3 == 0) /* speak for the fourth */
 			return seen ? 1 : 0;
 		r.along = v3_unit(v3_mad(v3_mad(to, u, x), v, y));
 		seen += !trace_blocked(s, &r, &set, limit);
@@ -196,19 +209,40 @@ DIO_SIM_FN float highlight(struct v3 n, struct v3 half, const struct finish *f)
 	return f->specular * h * ((float)(1u << f->gloss_log2) + 8) * 0.08f;
 }
 
-/* `turn`: what to ask of the lamps, see lamp_seen(). */
-DIO_SIM_FN struct v3 shade_surface(const struct dio_sim_scene *s, const struct ray *r,
-				   const struct scene_hit *hit, const struct finish *f,
-				   uint32_t turn, const struct neighbourhood *near)
-{
-	struct v3 p = v3_mad(hit->point, hit->normal, 1e-4f + 1e-4f * hit->t), n = hit->normal, sum;
+/* What a surface sends along a ray, whatever its texture: albedo * gain + plus. */
+struct response {
+	struct v3 gain, plus;
+	uint8_t lamps; /* quarters seen of each lamp, to the base of 5: other figures, another
+			* shadow */
+};
 
-	sum = v3_mix(s->ambient_down, s->ambient_up, 0.5f + 0.5f * n.z);
-	sum = v3_mul(v3_scale(sum, ambient_open(s, hit->point, n, near->ambient)), f->albedo);
-	for (uint32_t i = 0; i < s->light_count; i++) {
+/* For the sky and reflections, whose steps are neither shadow nor texture. */
+#define SIM_LAMPS_UNTOLD 255
+
+DIO_SIM_FN struct v3 response_to(const struct response *r, struct v3 albedo)
+{
+	return v3_add(v3_mul(r->gain, albedo), r->plus);
+}
+
+/* `turn`: what to ask of the lamps, see lamp_seen(). */
+DIO_SIM_FN struct response surface_response(const struct dio_sim_scene *s, const struct ray *r,
+					    const struct scene_hit *hit, const struct finish *f,
+					    uint32_t turn, const struct neighbourhood *near)
+{
+	struct v3 p = v3_mad(hit->point, hit->normal, 1e-4f + 1e-4f * hit->t), n = hit->normal;
+	uint64_t things = s->thing_count ? ~0ull >> (64 - s->thing_count) : 0;
+	uint32_t place = 1;
+	struct response out;
+	float open = ambient_open(s, hit->point, n, near ? near->ambient : things);
+
+	out.gain = v3_mix(s->ambient_down, s->ambient_up, 0.5f + 0.5f * n.z);
+	out.gain = v3_scale(out.gain, open);
+	out.plus = v3(0, 0, 0);
+	out.lamps = 0;
+	for (uint32_t i = 0; i < s->light_count; i++, place *= 5) {
 		const struct light *light = &s->light[i];
 		struct v3 to = light->at;
-		float limit = SIM_FAR, power = 1, size = light->size, cosine;
+		float limit = SIM_FAR, power = 1, size = light->size, cosine, seen;
 
 		if (!light->directional) {
 			struct v3 v = v3_sub(light->at, p);
@@ -222,17 +256,21 @@ DIO_SIM_FN struct v3 shade_surface(const struct dio_sim_scene *s, const struct r
 		cosine = v3_dot(n, to);
 		if (cosine <= 0)
 			continue;
-		power *= lamp_seen(s, p, to, limit, size, turn, &near->lamp[i]);
-		if (power > 0) {
+		seen = lamp_seen(s, p, to, limit, size, r->spread, hit->id, turn,
+				 near ? &near->lamp[i] : NULL);
+		if (seen <= 0)
+			continue;
+		out.lamps = (uint8_t)(out.lamps + place * (uint32_t)(4 * seen));
+		power *= seen;
+		out.gain = v3_mad(out.gain, light->colour, power * cosine);
+		if (f->specular > 0) {
 			struct v3 half = v3_unit(v3_sub(to, r->along));
-			float shine = f->specular > 0 ? highlight(n, half, f) : 0;
-			struct v3 back = v3_scale(f->albedo, cosine);
 
-			back = v3_add(back, v3(shine, shine, shine));
-			sum = v3_add(sum, v3_mul(v3_scale(light->colour, power), back));
+			out.plus = v3_mad(out.plus, light->colour, power * highlight(n, half, f));
 		}
 	}
-	return v3_mad(sum, f->albedo, f->emission);
+	out.gain = v3_add(out.gain, v3(f->emission, f->emission, f->emission));
+	return out;
 }
 
 /* Pixel size on the surface: between the narrow and the drawn-out side of its footprint. */
@@ -243,11 +281,19 @@ DIO_SIM_FN float footprint(const struct ray *r, const struct scene_hit *hit, flo
 	return pixel_angle * hit->t / sqrtf(maxf(cosine, 0.1f));
 }
 
+/* Finish of what a ray of some spread hit. */
+DIO_SIM_FN struct finish hit_finish(const struct dio_sim_scene *s, const struct ray *r,
+				    struct scene_hit *hit, float pixel_angle)
+{
+	hit->place.width = footprint(r, hit, pixel_angle);
+	return surface_finish(s, hit, pixel_angle * hit->t);
+}
+
 /* What a mirror shows. */
 DIO_SIM_FN struct v3 mirrored(const struct dio_sim_scene *s, const struct ray *r,
 			      const struct scene_hit *hit, float pixel_angle)
 {
-	struct neighbourhood anywhere = neighbourhood_anywhere(s);
+	struct response back;
 	struct scene_hit far;
 	struct finish f;
 	struct prim_set met;
@@ -256,55 +302,79 @@ DIO_SIM_FN struct v3 mirrored(const struct dio_sim_scene *s, const struct ray *r
 
 	m.along = v3_mad(r->along, hit->normal, -2 * v3_dot(r->along, hit->normal));
 	m.from = v3_mad(hit->point, hit->normal, 1e-4f + 1e-4f * hit->t);
+	m.spread = r->spread;
 	beam = beam_of(m.from, m.along, SIM_FAR, 0, 0);
 	met = set_of_beam(s, &beam);
+	set_remove_own(s, hit->id, &met);
 	trace_nearest(s, &m, &met, &far);
 	if (!far.material)
 		return sky_colour(s, m.along);
 	/* The mirror may be curved, so what it shows is filtered more. */
 	far.place.width = 3 * pixel_angle * (hit->t + far.t);
 	f = surface_finish(s, &far, far.place.width);
-	return shade_surface(s, &m, &far, &f, SIM_LAMP_CENTRE, &anywhere);
+	back = surface_response(s, &m, &far, &f, SIM_LAMP_CENTRE, NULL);
+	return response_to(&back, f.albedo);
 }
 
-DIO_SIM_FN struct v3 fade_to_horizon(const struct dio_sim_scene *s, const struct ray *r,
-				     const struct scene_hit *hit, struct v3 c)
+/* Part of what a surface sends is lost, `shown` takes its place. */
+DIO_SIM_FN void response_veil(struct response *r, struct v3 shown, float share)
+{
+	r->gain = v3_scale(r->gain, 1 - share);
+	r->plus = v3_mix(r->plus, shown, share);
+}
+
+/* An image in gloss fainter than this does not show. */
+#define SIM_FAINT_MIRROR 0.05f
+
+/* Gloss: the surroundings, sharp or as one mean colour. */
+DIO_SIM_FN void add_reflection(const struct dio_sim_scene *s, const struct ray *r,
+			       const struct scene_hit *hit, const struct finish *f,
+			       float pixel_angle, struct response *out)
+{
+	float away = 1 - saturate(-v3_dot(r->along, hit->normal)), a2 = away * away;
+	float fresnel =
+		f->specular + (1 - f->specular) * a2 * a2 * away * (float)f->gloss_log2 * 0.1f;
+	struct v3 shown;
+
+	if (f->reflects && fresnel > SIM_FAINT_MIRROR) {
+		shown = mirrored(s, r, hit, pixel_angle);
+		out->lamps = SIM_LAMPS_UNTOLD;
+	} else {
+		shown = v3_mix(s->ambient_down, s->ambient_up, saturate(0.5f + hit->normal.z));
+	}
+	response_veil(out, shown, minf(fresnel, 1));
+}
+
+DIO_SIM_FN void fade_to_horizon(const struct dio_sim_scene *s, const struct ray *r,
+				const struct scene_hit *hit, struct response *out)
 {
 	float far = hit->t / (30 * s->extent);
 
 	if (hit->id != SIM_ID_GROUND || s->surround == SURROUND_ROOM)
-		return c;
+		return;
 	far *= far;
-	return v3_mix(c, sky_colour(s, v3(r->along.x, r->along.y, 0)), far / (1 + far));
+	response_veil(out, sky_colour(s, v3(r->along.x, r->along.y, 0)), far / (1 + far));
 }
 
 /* Light arriving along a ray from what it hit; `pixel_angle` is the ray's spread. */
 DIO_SIM_FN struct v3 light_from(const struct dio_sim_scene *s, const struct ray *r,
 				struct scene_hit *hit, float pixel_angle, uint32_t turn,
-				const struct neighbourhood *near)
+				const struct neighbourhood *near, struct response *out)
 {
 	struct finish f;
-	struct v3 c;
 
-	if (!hit->material)
-		return sky_colour(s, r->along);
-	hit->place.width = footprint(r, hit, pixel_angle);
-	f = surface_finish(s, hit, pixel_angle * hit->t);
-	c = shade_surface(s, r, hit, &f, turn, near);
-	if (f.specular > 0) {
-		float away = 1 - saturate(-v3_dot(r->along, hit->normal)), a2 = away * away;
-		float fresnel =
-			f.specular + (1 - f.specular) * a2 * a2 * away * (float)f.gloss_log2 * 0.1f;
-		struct v3 shown;
-
-		if (f.reflects)
-			shown = mirrored(s, r, hit, pixel_angle);
-		else
-			shown = v3_mix(s->ambient_down, s->ambient_up,
-				       saturate(0.5f + hit->normal.z));
-		c = v3_mix(c, shown, minf(fresnel, 1));
+	if (!hit->material) {
+		out->gain = v3(0, 0, 0);
+		out->plus = sky_colour(s, r->along);
+		out->lamps = SIM_LAMPS_UNTOLD;
+		return out->plus;
 	}
-	return fade_to_horizon(s, r, hit, c);
+	f = hit_finish(s, r, hit, pixel_angle);
+	*out = surface_response(s, r, hit, &f, turn, near);
+	if (f.specular > 0)
+		add_reflection(s, r, hit, &f, pixel_angle, out);
+	fade_to_horizon(s, r, hit, out);
+	return response_to(out, f.albedo);
 }
 
 #endif

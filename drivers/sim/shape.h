@@ -10,11 +10,34 @@
 
 struct ray {
 	struct v3 from, along; /* unit */
+	float spread; /* nothing smaller than this share of the way needs to be told apart */
+};
+
+DIO_SIM_FN struct ray ray_of(struct v3 from, struct v3 along, float spread)
+{
+	struct ray r;
+
+	r.from = from;
+	r.along = along;
+	r.spread = spread;
+	return r;
+}
+
+/* Which side of a shape a ray met, enough to find the normal there once it is known to be the
+ * nearest hit: most hits are not, and shadows need none. */
+enum shape_part {
+	PART_X, /* the box's side across x, y or z that faces the ray */
+	PART_Y,
+	PART_Z,
+	PART_TOP,
+	PART_BOTTOM,
+	PART_ROUND, /* the curved side */
+	PART_INNER, /* of a cup */
 };
 
 struct surface_hit {
 	float t;
-	struct v3 normal; /* frame of the shape until trace.h turns it */
+	enum shape_part part;
 };
 
 DIO_SIM_FN struct v3 ray_at(const struct ray *r, float t)
@@ -35,7 +58,6 @@ DIO_SIM_FN void slab(float from, float along, float half, float *near_t, float *
 DIO_SIM_FN bool hit_box(const struct ray *r, struct v3 half, struct surface_hit *hit)
 {
 	float nx, ny, nz, fx, fy, fz, t, out;
-	struct v3 n;
 
 	slab(r->from.x, r->along.x, half.x, &nx, &fx);
 	slab(r->from.y, r->along.y, half.y, &ny, &fy);
@@ -44,21 +66,13 @@ DIO_SIM_FN bool hit_box(const struct ray *r, struct v3 half, struct surface_hit 
 	out = minf(fx, minf(fy, fz));
 	if (t > out || t <= 0 || t >= hit->t)
 		return false;
-	n = v3(0, 0, 0);
-	if (t == nx)
-		n.x = r->along.x > 0 ? -1 : 1;
-	else if (t == ny)
-		n.y = r->along.y > 0 ? -1 : 1;
-	else
-		n.z = r->along.z > 0 ? -1 : 1;
 	hit->t = t;
-	hit->normal = n;
+	hit->part = t == nx ? PART_X : t == ny ? PART_Y : PART_Z;
 	return true;
 }
 
-DIO_SIM_FN bool hit_ellipsoid(const struct ray *r, struct v3 half, struct surface_hit *hit)
+DIO_SIM_FN bool hit_ellipsoid(const struct ray *r, struct v3 inv, struct surface_hit *hit)
 {
-	struct v3 inv = v3(1 / half.x, 1 / half.y, 1 / half.z);
 	struct v3 o = v3_mul(r->from, inv), d = v3_mul(r->along, inv);
 	float a = v3_dot(d, d), b = v3_dot(o, d), q = b * b - a * (v3_dot(o, o) - 1), t;
 
@@ -68,13 +82,13 @@ DIO_SIM_FN bool hit_ellipsoid(const struct ray *r, struct v3 half, struct surfac
 	if (t <= 0 || t >= hit->t)
 		return false;
 	hit->t = t;
-	hit->normal = v3_unit(v3_mul(v3_mad(o, d, t), inv));
+	hit->part = PART_ROUND;
 	return true;
 }
 
 /* Flat end at height z, between two radii. */
-DIO_SIM_FN bool hit_ring(const struct ray *r, float z, float inner, float outer, float up,
-			 struct surface_hit *hit)
+DIO_SIM_FN bool hit_ring(const struct ray *r, float z, float inner, float outer,
+			 enum shape_part part, struct surface_hit *hit)
 {
 	float t, x, y, rr;
 
@@ -89,7 +103,7 @@ DIO_SIM_FN bool hit_ring(const struct ray *r, float z, float inner, float outer,
 	if (rr > outer * outer || rr < inner * inner)
 		return false;
 	hit->t = t;
-	hit->normal = v3(0, 0, up);
+	hit->part = part;
 	return true;
 }
 
@@ -104,7 +118,6 @@ DIO_SIM_FN bool hit_mantle(const struct ray *r, float r0, float r1, float h, boo
 	float a = d.x * d.x + d.y * d.y - rd * rd;
 	float b = o.x * d.x + o.y * d.y - ro * rd;
 	float q = b * b - a * (o.x * o.x + o.y * o.y - ro * ro), root, t, z;
-	struct v3 n;
 
 	if (q <= 0 || absf(a) < 1e-12f)
 		return false;
@@ -113,9 +126,8 @@ DIO_SIM_FN bool hit_mantle(const struct ray *r, float r0, float r1, float h, boo
 	z = o.z + t * d.z;
 	if (t <= 0 || t >= hit->t || absf(z) > h || ro + t * rd < 0)
 		return false;
-	n = v3_unit(v3(o.x + t * d.x, o.y + t * d.y, -k * (ro + t * rd)));
 	hit->t = t;
-	hit->normal = inside ? v3_scale(n, -1) : n;
+	hit->part = inside ? PART_INNER : PART_ROUND;
 	return true;
 }
 
@@ -125,9 +137,9 @@ DIO_SIM_FN bool hit_frustum(const struct ray *r, float r0, float r1, float h,
 	bool any = hit_mantle(r, r0, r1, h, false, hit);
 
 	if (r->along.z < 0)
-		any |= hit_ring(r, h, 0, r1, 1, hit);
+		any |= hit_ring(r, h, 0, r1, PART_TOP, hit);
 	else
-		any |= hit_ring(r, -h, 0, r0, -1, hit);
+		any |= hit_ring(r, -h, 0, r0, PART_BOTTOM, hit);
 	return any;
 }
 
@@ -139,10 +151,10 @@ DIO_SIM_FN bool hit_cup(const struct ray *r, float radius, float wall, float h,
 
 	any |= hit_mantle(r, inner, inner, h, true, hit);
 	if (r->along.z < 0) {
-		any |= hit_ring(r, h, inner, radius, 1, hit);
-		any |= hit_ring(r, -h + wall, 0, inner, 1, hit);
+		any |= hit_ring(r, h, inner, radius, PART_TOP, hit);
+		any |= hit_ring(r, -h + wall, 0, inner, PART_TOP, hit);
 	} else {
-		any |= hit_ring(r, -h, 0, radius, -1, hit);
+		any |= hit_ring(r, -h, 0, radius, PART_BOTTOM, hit);
 	}
 	return any;
 }
@@ -163,28 +175,25 @@ DIO_SIM_FN float field_torus(struct v3 p, float ring, float tube)
 	return sqrtf(a * a + p.z * p.z) - tube;
 }
 
-/* Bent rod with round ends, symmetric about +x. `half_turns` is half the angle it spans. The tube
- * thins towards its ends like a banana. */
-DIO_SIM_FN float field_arc(struct v3 p, float ring, float tube, float half_turns)
+/* Bent rod with round ends, symmetric about +x; c and s are cosine and sine of half the angle it
+ * spans. The tube thins towards its ends like a banana. */
+DIO_SIM_FN float field_arc(struct v3 p, float ring, float tube, float c, float s)
 {
-	float c = cos_turns(half_turns), s = sin_turns(half_turns);
-	float y = absf(p.y), along = p.x * c + y * s, across = p.x * s - y * c;
+	float y = absf(p.y), across = p.x * s - y * c;
 
 	if (across < 0) { /* beyond the end: distance to the end point */
 		struct v3 e = v3(p.x - ring * c, y - ring * s, p.z);
 
 		return sqrtf(v3_dot(e, e)) - 0.55f * tube;
 	}
-	(void)along;
 	y = y / (absf(p.x) + y + 1e-9f); /* 0 in the middle of the arc */
 	return field_torus(p, ring, tube * (1 - 0.45f * saturate(y * y)));
 }
 
 /* Not a true distance: first order from the ellipsoid's own gradient, and cautious. */
-DIO_SIM_FN float field_pebble(struct v3 p, struct v3 half, float depth)
+DIO_SIM_FN float field_pebble(struct v3 p, struct v3 inv, float depth)
 {
-	struct v3 q = v3(p.x / half.x, p.y / half.y, p.z / half.z);
-	struct v3 g = v3(q.x / half.x, q.y / half.y, q.z / half.z);
+	struct v3 q = v3_mul(p, inv), g = v3_mul(q, inv);
 	float k = sqrtf(v3_dot(q, q)), slope = sqrtf(v3_dot(g, g));
 	float bump = sin_turns(q.x * 0.55f + depth) * sin_turns(q.y * 0.6f + 3 * depth) +
 		     0.6f * sin_turns(q.z * 0.7f + q.x * 0.3f);
@@ -206,9 +215,9 @@ DIO_SIM_FN float field_of(const struct prim *s, struct v3 p)
 	case SHAPE_TORUS:
 		return field_torus(p, s->half.x, s->half.y);
 	case SHAPE_ARC:
-		return field_arc(p, s->half.x, s->half.y, s->extra);
+		return field_arc(p, s->half.x, s->half.y, s->turn_cos, s->turn_sin);
 	case SHAPE_PEBBLE:
-		return field_pebble(p, s->half, s->extra);
+		return field_pebble(p, s->inv, s->extra);
 	case SHAPE_CARVED:
 		return field_carved(p, s->half, s->extra);
 	default:
@@ -218,14 +227,14 @@ DIO_SIM_FN float field_of(const struct prim *s, struct v3 p)
 
 DIO_SIM_FN bool hit_field(const struct prim *s, const struct ray *r, struct surface_hit *hit)
 {
-	float nx, ny, nz, fx, fy, fz, t, out, e, d = 0, tiny = s->bound * 1e-3f;
-	struct v3 p;
+	float nx, ny, nz, fx, fy, fz, t, out, d = 0, tiny;
 
 	slab(r->from.x, r->along.x, s->reach.x, &nx, &fx);
 	slab(r->from.y, r->along.y, s->reach.y, &ny, &fy);
 	slab(r->from.z, r->along.z, s->reach.z, &nz, &fz);
 	t = maxf(maxf(nx, 0), maxf(ny, nz));
 	out = minf(minf(fx, hit->t), minf(fy, fz));
+	tiny = clampf(0.1f * r->spread * t, s->bound * 1e-3f, s->bound * 8e-3f);
 	for (int step = 0; t < out; step++) {
 		d = field_of(s, ray_at(r, t));
 		if (d < tiny || step == 32)
@@ -234,33 +243,75 @@ DIO_SIM_FN bool hit_field(const struct prim *s, const struct ray *r, struct surf
 	}
 	if (t >= out || t <= 0 || d > 4 * tiny)
 		return false;
-	p = ray_at(r, t);
-	/* Gradient over the corners of a tetrahedron: four values instead of six. */
-	e = s->bound * 2e-3f;
-	{
-		float a = field_of(s, v3(p.x + e, p.y - e, p.z - e));
-		float c = field_of(s, v3(p.x - e, p.y - e, p.z + e));
-		float b = field_of(s, v3(p.x - e, p.y + e, p.z - e));
-		float g = field_of(s, v3(p.x + e, p.y + e, p.z + e));
-
-		hit->normal = v3_unit(v3(a - c - b + g, -a - c + b + g, -a + c - b + g));
-	}
+	hit->part = PART_ROUND;
 	hit->t = t;
 	return true;
 }
 
-/* Nearest hit closer than hit->t from outside; hit->normal stays in the shape's frame. */
+/* Gradient over the corners of a tetrahedron: four values instead of six. */
+DIO_SIM_FN struct v3 field_normal(const struct prim *s, struct v3 p)
+{
+	float e = s->bound * 2e-3f;
+	float a = field_of(s, v3(p.x + e, p.y - e, p.z - e));
+	float b = field_of(s, v3(p.x - e, p.y + e, p.z - e));
+	float c = field_of(s, v3(p.x - e, p.y - e, p.z + e));
+	float d = field_of(s, v3(p.x + e, p.y + e, p.z + e));
+
+	return v3_unit(v3(a - c - b + d, -a - c + b + d, -a + c - b + d));
+}
+
+/* Mantle of hit_mantle() at a point on it. */
+DIO_SIM_FN struct v3 mantle_normal(struct v3 p, float r0, float r1, float h)
+{
+	float k = (r1 - r0) / (2 * h);
+
+	return v3_unit(v3(p.x, p.y, -k * (0.5f * (r0 + r1) + k * p.z)));
+}
+
+/* Normal at `p`, met by a ray along `along`; all in the shape's frame. */
+DIO_SIM_FN struct v3 prim_normal(const struct prim *s, enum shape_part part, struct v3 p,
+				 struct v3 along)
+{
+	switch (part) {
+	case PART_X:
+		return v3(along.x > 0 ? -1 : 1, 0, 0);
+	case PART_Y:
+		return v3(0, along.y > 0 ? -1 : 1, 0);
+	case PART_Z:
+		return v3(0, 0, along.z > 0 ? -1 : 1);
+	case PART_TOP:
+		return v3(0, 0, 1);
+	case PART_BOTTOM:
+		return v3(0, 0, -1);
+	case PART_INNER:
+		return v3_unit(v3(-p.x, -p.y, 0));
+	default:
+		break;
+	}
+	switch (s->shape) {
+	case SHAPE_ELLIPSOID:
+		return v3_unit(v3_mul(v3_mul(p, s->inv), s->inv));
+	case SHAPE_FRUSTUM:
+		return mantle_normal(p, s->half.x, s->extra, s->half.z);
+	case SHAPE_CYLINDER:
+	case SHAPE_CUP:
+		return v3_unit(v3(p.x, p.y, 0));
+	default:
+		return field_normal(s, p);
+	}
+}
+
+/* Nearest hit closer than hit->t from outside. */
 DIO_SIM_FN bool hit_prim(const struct prim *s, const struct ray *world, struct surface_hit *hit)
 {
-	struct ray r;
+	struct ray r = ray_of(rotate_back(&s->rot, v3_sub(world->from, s->centre)),
+			      rotate_back(&s->rot, world->along), world->spread);
 
-	r.from = rotate_back(&s->rot, v3_sub(world->from, s->centre));
-	r.along = rotate_back(&s->rot, world->along);
 	switch (s->shape) {
 	case SHAPE_BOX:
 		return hit_box(&r, s->half, hit);
 	case SHAPE_ELLIPSOID:
-		return hit_ellipsoid(&r, s->half, hit);
+		return hit_ellipsoid(&r, s->inv, hit);
 	case SHAPE_CYLINDER:
 		return hit_frustum(&r, s->half.x, s->half.x, s->half.z, hit);
 	case SHAPE_FRUSTUM:

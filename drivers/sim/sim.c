@@ -37,6 +37,16 @@ static void build(struct dio_sim_scene *s, const struct dio_sim_scene_options *o
 	}
 }
 
+static bool render_linear(const struct dio_sim_scene *scene, const struct dio_sim_camera *camera,
+			  uint32_t samples, float *rgb)
+{
+#ifdef DIO_SIM_HAVE_AVX2
+	if (__builtin_cpu_supports("avx2"))
+		return sim_render_linear_avx2(scene, camera, samples, rgb);
+#endif
+	return sim_render_linear(scene, camera, samples, rgb);
+}
+
 /* Half way, as cameras do, from the light as it is to a picture of middle brightness; judged by a
  * small picture from the first viewpoint. 1 when memory is short. */
 static float automatic_exposure(const struct dio_sim_scene *s)
@@ -51,7 +61,7 @@ static float automatic_exposure(const struct dio_sim_scene *s)
 	c.cx = 0.5 * (WIDTH - 1);
 	c.cy = 0.5 * (HEIGHT - 1);
 	dio_sim_viewpoint(s, 0, 0, c.world_from_camera);
-	if (!sim_render_linear(s, &c, 1, rgb))
+	if (!render_linear(s, &c, 1, rgb))
 		return 1;
 	for (int i = 0; i < WIDTH * HEIGHT * 3; i++)
 		sum += minf(rgb[i], 1.5f);
@@ -81,7 +91,7 @@ bool dio_sim_render_float(const struct dio_sim_scene *scene, const struct dio_si
 {
 	static const struct dio_sim_sensor perfect;
 
-	return sim_render_linear(scene, camera, samples, rgb) &&
+	return render_linear(scene, camera, samples, rgb) &&
 	       sim_sensor_expose(sensor ? sensor : &perfect, camera, scene->exposure, rgb);
 }
 

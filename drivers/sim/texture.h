@@ -74,17 +74,17 @@ DIO_SIM_FN float value_noise2(float px, float py, uint32_t seed)
 	return mixf(mixf(a, b, fx), mixf(c, d, fx), fy);
 }
 
-/* Several octaves in [0, 1], mean 0.5; octaves finer than the filter are left out. */
+/* Several octaves in [0, 1], mean 0.5; octaves too fine or too faint to show are left out. */
 DIO_SIM_FN float fractal_noise(struct v3 p, float width, int octaves, uint32_t seed)
 {
 	float sum = 0.5f, gain = 0.55f;
 
 	for (int i = 0; i < octaves; i++) {
-		float w = detail(0.7f * width);
+		float w = gain * detail(0.7f * width);
 
-		if (w <= 0)
+		if (w <= 0.03f)
 			break;
-		sum += gain * w * (value_noise(p, seed + (uint32_t)i) - 0.5f);
+		sum += w * (value_noise(p, seed + (uint32_t)i) - 0.5f);
 		p = v3(p.y * 2.03f + 7.1f, p.z * 2.03f + 1.7f, p.x * 2.03f + 3.3f);
 		width *= 2.03f;
 		gain *= 0.55f;

@@ -37,13 +37,14 @@ DIO_SIM_FN struct prim_set set_of_none(void)
 	return set;
 }
 
-DIO_SIM_FN struct prim_set set_of_all(const struct dio_sim_scene *s)
+DIO_SIM_FN void set_add(struct prim_set *set, uint32_t prim)
 {
-	struct prim_set set = set_of_none();
+	set->word[prim / 64] |= 1ull << (prim % 64);
+}
 
-	for (uint32_t i = 0; i < s->prim_count; i++)
-		set.word[i / 64] |= 1ull << (i % 64);
-	return set;
+DIO_SIM_FN void set_remove(struct prim_set *set, uint32_t prim)
+{
+	set->word[prim / 64] &= ~(1ull << (prim % 64));
 }
 
 DIO_SIM_FN bool set_is_empty(const struct prim_set *set)
@@ -114,7 +115,7 @@ DIO_SIM_FN struct prim_set set_of_beam(const struct dio_sim_scene *s, const stru
 			continue;
 		for (uint32_t k = t->first; k < t->first + t->count; k++)
 			if (beam_meets_prim(b, &s->prim[k]))
-				set.word[k / 64] |= 1ull << (k % 64);
+				set_add(&set, k);
 	}
 	return set;
 }
@@ -134,6 +135,29 @@ DIO_SIM_FN struct prim_set set_within_beam(const struct dio_sim_scene *s, const 
 		}
 	}
 	return set;
+}
+
+/* Take out the primitive that a surface belongs to where no ray that leaves the surface meets it
+ * again: nothing round shades itself. */
+DIO_SIM_FN void set_remove_own(const struct dio_sim_scene *s, uint32_t surface,
+			       struct prim_set *set)
+{
+	uint32_t prim = (surface - SIM_ID_PRIM) / 4;
+
+	if (surface < SIM_ID_PRIM)
+		return;
+	switch (s->prim[prim].shape) {
+	case SHAPE_BOX:
+	case SHAPE_ELLIPSOID:
+	case SHAPE_CYLINDER:
+	case SHAPE_FRUSTUM:
+	case SHAPE_ROUND_BOX:
+	case SHAPE_PEBBLE: /* nearly */
+		set_remove(set, prim);
+		break;
+	default:
+		break;
+	}
 }
 
 DIO_SIM_FN bool prim_may_hit(const struct prim *p, const struct ray *r, float limit)
@@ -178,19 +202,20 @@ DIO_SIM_FN struct v2 prim_sheet(const struct prim *p, struct v3 q, struct v3 n)
 DIO_SIM_FN void finish_prim_hit(const struct prim *p, uint32_t index, const struct ray *r,
 				const struct surface_hit *h, struct scene_hit *hit)
 {
-	struct v3 q;
+	struct v3 q, n;
 
 	hit->point = ray_at(r, h->t);
 	q = rotate_back(&p->rot, v3_sub(hit->point, p->centre));
+	n = prim_normal(p, h->part, q, rotate_back(&p->rot, r->along));
 	hit->t = h->t;
-	hit->normal = rotate(&p->rot, h->normal);
+	hit->normal = rotate(&p->rot, n);
 	hit->material = &p->material;
 	hit->place.solid = q;
-	hit->place.sheet = prim_sheet(p, q, h->normal);
+	hit->place.sheet = prim_sheet(p, q, n);
 	/* Faces of a box count as surfaces of their own. */
 	hit->id = SIM_ID_PRIM + 4 * index;
 	if (p->shape == SHAPE_BOX)
-		hit->id += h->normal.x != 0 ? 1 : h->normal.y != 0 ? 2 : 3;
+		hit->id += 1 + (uint32_t)h->part;
 }
 
 DIO_SIM_FN void hit_walls(const struct dio_sim_scene *s, const struct ray *r, struct scene_hit *hit)
@@ -258,7 +283,7 @@ DIO_SIM_FN void trace_nearest(const struct dio_sim_scene *s, const struct ray *r
 		hit_walls(s, r, hit);
 	hit_ground(s, r, hit);
 	h.t = hit->t;
-	h.normal = v3(0, 0, 1);
+	h.part = PART_TOP;
 	for (uint32_t w = 0; w < SIM_SET_WORDS; w++) {
 		for (uint64_t left = set->word[w]; left; left &= left - 1) {
 			uint32_t k = 64 * w + lowest_bit(left);

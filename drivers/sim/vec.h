@@ -114,7 +114,7 @@ DIO_SIM_FN float maxf(float a, float b)
 
 DIO_SIM_FN float absf(float a)
 {
-	return a < 0 ? -a : a;
+	return fabsf(a);
 }
 
 DIO_SIM_FN float mixf(float a, float b, float t)
@@ -178,15 +178,11 @@ DIO_SIM_FN float atan2_turns(float y, float x)
 /* Linear light to the sRGB curve and back, both within 0.003. */
 DIO_SIM_FN float srgb_encode(float x)
 {
-	float s1, s2, s3;
+	float least = maxf(x, 0), s1 = sqrtf(least), s2 = sqrtf(s1), s3 = sqrtf(s2);
+	float curve =
+		0.662002687f * s1 + 0.684122060f * s2 - 0.323583601f * s3 - 0.0225411470f * least;
 
-	if (x <= 0.0031308f)
-		return 12.92f * maxf(x, 0);
-	s1 = sqrtf(x);
-	s2 = sqrtf(s1);
-	s3 = sqrtf(s2);
-	return minf(0.662002687f * s1 + 0.684122060f * s2 - 0.323583601f * s3 - 0.0225411470f * x,
-		    1);
+	return x <= 0.0031308f ? 12.92f * least : minf(curve, 1);
 }
 
 DIO_SIM_FN float srgb_decode(float x)
