@@ -1,6 +1,7 @@
 #include "check.h"
 
 #include <png.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <zlib.h>
@@ -159,6 +160,12 @@ static void every_truncation_is_refused_by_name(void **state)
 	dio_picture_deinit(&picture);
 }
 
+static bool same_pixels(const struct dio_picture *a, const struct dio_picture *b)
+{
+	return a->width == b->width && a->height == b->height &&
+	       memcmp(a->rgb, b->rgb, (size_t)3 * a->width * a->height) == 0;
+}
+
 static void flipped_bits_are_refused_or_harmless_but_never_fatal(void **state)
 {
 	const char *names[] = {"a.png", "a.jpg"};
@@ -167,26 +174,28 @@ static void flipped_bits_are_refused_or_harmless_but_never_fatal(void **state)
 
 	for (int n = 0; n < 2; n++) {
 		const char *path = scratch_path(*state, names[n]);
-		size_t size, refused = 0, tried = 0;
+		size_t size, refused = 0, changed = 0;
 		uint8_t *bytes;
 
 		assert_ok(dio_picture_write(path, &picture, &error), error);
 		read_bytes(path, &bytes, &size);
-		for (size_t bit = 0; bit < 8 * size; bit += 1 + size / 500, tried++) {
+		for (size_t bit = 0; bit < 8 * size; bit += 1 + size / 500) {
 			struct dio_picture back;
 
 			bytes[bit / 8] ^= (uint8_t)(1 << bit % 8);
-			if (dio_picture_decode(bytes, size, names[n], &back, &error) == DIO_OK)
+			if (dio_picture_decode(bytes, size, names[n], &back, &error) == DIO_OK) {
+				changed += !same_pixels(&picture, &back);
 				dio_picture_deinit(&back);
-			else
+			} else {
 				refused++;
+			}
 			bytes[bit / 8] ^= (uint8_t)(1 << bit % 8);
 		}
-		/* PNG has a checksum over everything; a JPEG's pixels have none. */
+		/* PNG has a checksum over everything that makes pixels (newer libpng no longer
+		   looks at that of the empty end chunk); a JPEG's pixels have none. */
 		if (n == 0)
-			assert_int_equal(refused, tried);
-		else
-			assert_true(refused > 0);
+			assert_int_equal(changed, 0);
+		assert_true(refused > 0);
 		free(bytes);
 	}
 	dio_picture_deinit(&picture);
