@@ -41,6 +41,9 @@ DIO_SIM_FN void lens_solve(const struct dio_sim_camera *c, double u, double v, i
 		/* Past the fold of a strong lens nothing can be solved: keep the last point. */
 		if (det < 0.05)
 			break;
+		/* Squared 1e-13 of the focal length: the error of the last step is far less. */
+		if (off_x * off_x + off_y * off_y < 1e-26)
+			break;
 		if (i < steps) {
 			x -= (e * off_x - b * off_y) / det;
 			y -= (a * off_y - b * off_x) / det;

@@ -10,6 +10,7 @@
 
 #include <cmocka.h>
 
+#include "render.h"
 #include "support.h"
 
 enum { WIDTH = 160, HEIGHT = 120, BYTES = WIDTH * HEIGHT * 3 };
@@ -175,6 +176,35 @@ static void viewpoints_are_rigid_and_move_smoothly(void **state)
 	dio_sim_scene_destroy(scene);
 }
 
+/* The tracer is compiled twice; which of the two runs must not show. */
+static void processors_agree_on_every_bit(void **state)
+{
+#ifdef DIO_SIM_HAVE_AVX2
+	static float plain[WIDTH * HEIGHT * 3], wide[WIDTH * HEIGHT * 3];
+	struct dio_sim_camera c = small_camera(true);
+
+	(void)state;
+	if (!__builtin_cpu_supports("avx2")) {
+		print_message("skipped: this processor has no AVX2\n");
+		skip();
+	}
+	for (uint32_t kind = 0; kind < 4; kind++) {
+		struct dio_sim_scene *scene = scene_of((enum dio_sim_kind)kind, 40 + kind);
+
+		assert_non_null(scene);
+		dio_sim_viewpoint(scene, 0, 3, c.world_from_camera);
+		assert_true(sim_render_linear(scene, &c, 2, plain));
+		assert_true(sim_render_linear_avx2(scene, &c, 2, wide));
+		assert_memory_equal(plain, wide, sizeof(plain));
+		dio_sim_scene_destroy(scene);
+	}
+#else
+	(void)state;
+	print_message("skipped: one tracer only on this kind of processor\n");
+	skip();
+#endif
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -183,6 +213,7 @@ int main(void)
 		cmocka_unit_test(more_samples_converge),
 		cmocka_unit_test(every_kind_survives_odd_sizes_and_places),
 		cmocka_unit_test(viewpoints_are_rigid_and_move_smoothly),
+		cmocka_unit_test(processors_agree_on_every_bit),
 	};
 
 	return cmocka_run_group_tests_name("sim_picture", tests, NULL, NULL);
