@@ -16,7 +16,7 @@ static const char *model(void)
 {
 	static char path[FIXTURE_PATH_SIZE];
 
-	snprintf(path, sizeof path, "%s/models/bootstrap.safetensors", getenv("DIO_SOURCE_DIR"));
+	snprintf(path, sizeof path, "%s/models/diorama-s.safetensors", getenv("DIO_SOURCE_DIR"));
 	return path;
 }
 
