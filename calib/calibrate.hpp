@@ -43,7 +43,7 @@ using Parameters = cv::Vec<double, 9>;
 using Covariance = cv::Matx<double, 9, 9>;
 
 struct Uncertainty {
-	Covariance covariance;	 /* rows and columns of terms not estimated are 0 */
+	Covariance covariance;   /* rows and columns of terms not estimated are 0 */
 	double measurements = 0; /* independent ones that the corners are worth */
 };
 
@@ -76,7 +76,7 @@ double coverage_of(const Views &views, cv::Size size);
 double tilt_of(const Fit &fit);
 
 struct Consensus {
-	std::vector<bool> used;	    /* [views] */
+	std::vector<bool> used;     /* [views] */
 	std::vector<double> rms_px; /* [views] under the final lens */
 	double threshold_px = 0;
 	Fit fit; /* of the used views */

@@ -31,7 +31,7 @@ struct PlacedMarker {
 struct LayoutFit {
 	dio_board_layout layout = DIO_LAYOUT_MODERN;
 	std::vector<PlacedMarker> markers; /* inliers */
-	cv::Matx33d homography;		   /* squares to pixels */
+	cv::Matx33d homography;            /* squares to pixels */
 	double rms_squares = 0;
 };
 

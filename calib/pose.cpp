@@ -33,7 +33,7 @@ cv::Matx44d board_from_world(const dio_board &board)
 cv::Matx44d rigid(const cv::Matx33d &r, const cv::Vec3d &t)
 {
 	return {r(0, 0), r(0, 1), r(0, 2), t[0], r(1, 0), r(1, 1), r(1, 2), t[1],
-		r(2, 0), r(2, 1), r(2, 2), t[2], 0,	  0,	   0,	    1};
+		r(2, 0), r(2, 1), r(2, 2), t[2], 0,       0,       0,       1};
 }
 
 cv::Matx44d rigid_inverse(const cv::Matx44d &m)

@@ -24,7 +24,7 @@ struct dio_rect_mm {
 /** A page ready to be drawn. Release with dio_board_page_deinit(). */
 struct dio_board_page {
 	double width_mm,
-		height_mm;	  /* as the paper lies: upright or across, whichever fits better */
+		height_mm;        /* as the paper lies: upright or across, whichever fits better */
 	struct dio_rect_mm board; /* all squares */
 	struct dio_rect_mm caption; /* one line of text and a ruler, under the board */
 	char text[256];

@@ -12,12 +12,12 @@
 
 #include "dio/atomic_file.h"
 
-#define MM_PER_INCH	25.4
+#define MM_PER_INCH     25.4
 #define POINTS_PER_INCH 72.0
-#define RULER_MM	100.0
-#define LINE_MM		0.15
-#define TEXT_MAX_MM	2.8 /* em size of the caption where there is room */
-#define TEXT_MIN_MM	1.2
+#define RULER_MM        100.0
+#define LINE_MM         0.15
+#define TEXT_MAX_MM     2.8 /* em size of the caption where there is room */
+#define TEXT_MIN_MM     1.2
 
 /* Ink goes down as one path filled once: separate rectangles would leave hairlines between
  * neighbours in viewers that smooth each edge on its own. */

@@ -11,16 +11,16 @@
 
 /** When to stop. */
 struct dio_gather_options {
-	uint32_t views;	 /* enough views, once the coverage is there too; twice as many at most */
+	uint32_t views;  /* enough views, once the coverage is there too; twice as many at most */
 	double coverage; /* share of the picture that corners should have reached */
-	double seconds;	 /* longest time before a camera, by its timestamps */
+	double seconds;  /* longest time before a camera, by its timestamps */
 };
 
 /** Views with a board; of photos also those without. Release with dio_board_views_deinit(). */
 struct dio_board_views {
 	struct dio_board board; /* with the layout decided */
 	uint32_t width, height;
-	char **names;		     /* [count] */
+	char **names;                /* [count] */
 	struct dio_corners *corners; /* [count]; contiguous, as dio_calibrate() wants them */
 	uint32_t count, capacity;
 	double coverage; /* share of picture cells with a corner */

@@ -13,7 +13,7 @@
 enum dio_input_kind {
 	DIO_INPUT_PHOTOS,    /* a folder: pictures somebody chose */
 	DIO_INPUT_RECORDING, /* a stream that ends: neighbours look alike */
-	DIO_INPUT_LIVE,	     /* a camera: endless */
+	DIO_INPUT_LIVE,      /* a camera: endless */
 };
 
 /** Opaque, thread-bound. */

@@ -28,18 +28,18 @@ enum dio_posed_use {
 struct dio_posed_view {
 	char *name;
 	enum dio_posed_use use;
-	char reason[160];		   /* why it has no pose; "" when it has one */
+	char reason[160];                  /* why it has no pose; "" when it has one */
 	struct dio_pose_estimate estimate; /* with use CONTEXT, TARGET and SPARE */
-	uint64_t timestamp_ns, index;	   /* of the frame in its input */
-	struct dio_picture picture;	   /* the engine's; rgb NULL without a pose */
+	uint64_t timestamp_ns, index;      /* of the frame in its input */
+	struct dio_picture picture;        /* the engine's; rgb NULL without a pose */
 };
 
 struct dio_posing_options {
 	struct dio_camera_options camera; /* wishes about size and rate */
 	uint32_t width,
-		height;	   /* engine pictures; 0: the long side DIO_ENGINE_SIDE_PX, shape kept */
+		height;    /* engine pictures; 0: the long side DIO_ENGINE_SIDE_PX, shape kept */
 	uint32_t frames;   /* most pictures taken of a stream */
-	double seconds;	   /* longest time before a camera */
+	double seconds;    /* longest time before a camera */
 	uint32_t hold_out; /* every n-th posed picture is a target; 0: chosen, see below */
 	bool hold_out_none;
 	uint32_t context; /* most context views, spread as far apart as can be; 0: all */
@@ -57,7 +57,7 @@ struct dio_posing {
 	struct dio_posed_view *views;
 	uint32_t count, capacity;
 	uint32_t posed, context, targets; /* context and targets are among the posed */
-	double rms_px;			  /* mean over the posed views */
+	double rms_px;                    /* mean over the posed views */
 };
 
 /**

@@ -10,8 +10,8 @@
 
 struct dio_recording_options {
 	struct dio_camera_options camera;  /* wishes about size and rate */
-	uint64_t frames;		   /* 0: no limit */
-	double seconds;			   /* by the frames' timestamps; 0: no limit */
+	uint64_t frames;                   /* 0: no limit */
+	double seconds;                    /* by the frames' timestamps; 0: no limit */
 	const volatile sig_atomic_t *stop; /* NULL, or set from outside to end the recording */
 };
 

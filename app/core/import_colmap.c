@@ -21,8 +21,8 @@ static const struct colmap_model {
 	const char
 		*order; /* a parameter's letter: f both focals, x fx, y fy, c cx, d cy, 1 2 p q */
 } MODELS[] = {
-	{"SIMPLE_PINHOLE", 3, "fcd"}, {"PINHOLE", 4, "xycd"},	 {"SIMPLE_RADIAL", 4, "fcd1"},
-	{"RADIAL", 5, "fcd12"},	      {"OPENCV", 8, "xycd12pq"},
+	{"SIMPLE_PINHOLE", 3, "fcd"}, {"PINHOLE", 4, "xycd"},    {"SIMPLE_RADIAL", 4, "fcd1"},
+	{"RADIAL", 5, "fcd12"},       {"OPENCV", 8, "xycd12pq"},
 };
 
 struct colmap_cameras {

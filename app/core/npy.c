@@ -9,7 +9,7 @@
 #include "dio/atomic_file.h"
 
 #define HEADER_BYTES 128 /* a multiple of 64, as the format asks */
-#define PREFIX_BYTES 10	 /* magic, version, length of the dictionary */
+#define PREFIX_BYTES 10  /* magic, version, length of the dictionary */
 
 static const char MAGIC[8] = {'\x93', 'N', 'U', 'M', 'P', 'Y', 1, 0};
 

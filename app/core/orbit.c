@@ -3,10 +3,10 @@
 #include <math.h>
 #include <stdlib.h>
 
-#define PI		 3.14159265358979323846
-#define CLOSED_GAP_RAD	 (PI / 2)  /* a wider gap between neighbours opens the circle */
-#define NEAR_RAD	 (PI / 6)  /* cameras this near in azimuth shape the path */
-#define STILL_HALF_RAD	 (PI / 60) /* a lone camera sways by 3 degrees */
+#define PI               3.14159265358979323846
+#define CLOSED_GAP_RAD   (PI / 2)  /* a wider gap between neighbours opens the circle */
+#define NEAR_RAD         (PI / 6)  /* cameras this near in azimuth shape the path */
+#define STILL_HALF_RAD   (PI / 60) /* a lone camera sways by 3 degrees */
 #define AXES_REGULARISER 1e-6
 
 static double dot(const double a[3], const double b[3])

@@ -8,11 +8,11 @@
 
 /** What the cameras say of the scene: where they look, which way is up, how they stand round. */
 struct dio_orbit {
-	double centre[3];		 /* point nearest to all optical axes */
+	double centre[3];                /* point nearest to all optical axes */
 	double up[3], east[3], north[3]; /* right-handed, unit */
 	double radius, height; /* mean distance from the up axis, mean height over the centre */
 	double azimuth_mid, azimuth_half; /* arc that the cameras span; half is pi when closed */
-	bool closed;			  /* they stand all round: the path is a full circle */
+	bool closed;                      /* they stand all round: the path is a full circle */
 };
 
 /** Fit to `count` >= 1 poses. */

@@ -9,9 +9,9 @@
 #include "core/json_out.h"
 #include "core/path.h"
 
-#define SIZE_MAX_PX	16384
+#define SIZE_MAX_PX     16384
 #define RIGID_TOLERANCE 1e-3
-#define FIRST_ROOM	16u
+#define FIRST_ROOM      16u
 
 /* Room doubles, so that appending n frames stays linear; counts are powers of two times 16. */
 static bool grow(struct dio_scene_file *scene)

@@ -250,7 +250,7 @@ static enum dio_status refuse_syntax(const char *text, size_t size, const char *
 	return dio_fail(error, DIO_BAD_FILE, "%s: line %u, column %u: %s", path, line,
 			(unsigned)(stop - line_start) + 1,
 			not_finite ? "a number that is not finite"
-			: cut	   ? "the JSON text ends too early: is the file whole?"
+			: cut      ? "the JSON text ends too early: is the file whole?"
 				   : "not JSON from here on");
 }
 

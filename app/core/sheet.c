@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define GAP_PX	      8
+#define GAP_PX        8
 #define TITLE_SCALE   2
 #define CAPTION_SCALE 1
 #define LINE_DOTS     9 /* 7 of a letter and 2 between lines */

@@ -8,9 +8,9 @@
 #include "dio/status.h"
 
 struct dio_sheet_row {
-	const char *title;		     /* ASCII, "" for none */
+	const char *title;                   /* ASCII, "" for none */
 	const struct dio_picture **pictures; /* [count], NULL entries stay empty */
-	const char **captions;		     /* [count] ASCII, or NULL for none */
+	const char **captions;               /* [count] ASCII, or NULL for none */
 	uint32_t count;
 };
 

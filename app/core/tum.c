@@ -12,7 +12,7 @@
 
 #define POSES_MAX      1000000u
 #define FILE_BYTES_MAX (256u << 20)
-#define FIELDS	       8
+#define FIELDS         8
 
 enum dio_status dio_trajectory_init(struct dio_trajectory *trajectory, uint32_t count)
 {

@@ -10,7 +10,7 @@
 /** Poses in order of the file. Release with dio_trajectory_deinit(). */
 struct dio_trajectory {
 	uint32_t count;
-	double *time_s;		/* [count] */
+	double *time_s;         /* [count] */
 	struct dio_pose *poses; /* [count] */
 };
 

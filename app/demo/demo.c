@@ -16,7 +16,7 @@
 /* The simulated hand rests at a new place each 1.5 s of the dance, and goes once round the table
  * in 40 s of the walk. */
 #define DANCE_FPS (1 / 1.5)
-#define WALK_S	  40.0
+#define WALK_S    40.0
 
 #define SIM_CAMERA "sim:table?style=%s&seed=%u&width=%u&height=%u&board=%s"
 #define SIM_WIDTH  640u

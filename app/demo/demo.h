@@ -10,14 +10,14 @@
 
 /** Zero-initialised apart from what dio_demo_defaults() fills in. */
 struct dio_demo_options {
-	const char *input;	/* folder of photos or a recording; NULL: the simulated camera */
-	const char *board;	/* specification of the board */
-	const char *out;	/* folder for the results */
-	uint32_t seed;		/* of the simulated scene */
-	uint32_t stands;	/* views of the board to calibrate from (simulated camera) */
-	uint32_t frames;	/* pictures of the walk round the scene (simulated camera) */
+	const char *input;      /* folder of photos or a recording; NULL: the simulated camera */
+	const char *board;      /* specification of the board */
+	const char *out;        /* folder for the results */
+	uint32_t seed;          /* of the simulated scene */
+	uint32_t stands;        /* views of the board to calibrate from (simulated camera) */
+	uint32_t frames;        /* pictures of the walk round the scene (simulated camera) */
 	uint32_t width, height; /* engine pictures */
-	uint32_t context;	/* most context views */
+	uint32_t context;       /* most context views */
 	uint32_t orbit_frames;
 	bool quiet; /* no line a stage */
 	struct dio_session_options engine;

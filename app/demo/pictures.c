@@ -9,8 +9,8 @@
 #include "dio/video.h"
 
 #define ORBIT_FRAMES_PER_SECOND 25.0
-#define CELL_PX			192u
-#define ROW_CELLS_MAX		8u
+#define CELL_PX                 192u
+#define ROW_CELLS_MAX           8u
 
 static enum dio_status copy_picture(const struct dio_picture *from, struct dio_picture *to)
 {

@@ -31,7 +31,7 @@ struct dio_demo_truth {
 
 struct dio_demo {
 	const struct dio_demo_options *options;
-	char walk[512];	 /* the simulated camera's specification for the walk */
+	char walk[512];  /* the simulated camera's specification for the walk */
 	char dance[512]; /* and for the calibration */
 	struct dio_calibrating calibrating;
 	struct dio_recording_result recording;

@@ -17,7 +17,7 @@ struct shot {
 struct shots {
 	struct shot *list;
 	uint32_t count;
-	bool is_path;	  /* frames of a film, all of one camera */
+	bool is_path;     /* frames of a film, all of one camera */
 	const char *name; /* of the film: "orbit", or the trajectory's file; borrowed */
 };
 

@@ -13,12 +13,12 @@
 #include "engine_options.h"
 #include "report.h"
 
-#define PI	      3.14159265358979323846
-#define DRAG_TURN_RAD PI	/* a drag across the window turns half round */
+#define PI            3.14159265358979323846
+#define DRAG_TURN_RAD PI        /* a drag across the window turns half round */
 #define KEY_TURN_RAD  (PI / 60) /* per step while an arrow key is down */
 #define ZOOM_NOTCH    0.9
 #define ELEVATION_MAX (0.48 * PI)
-#define POLL_MS	      16
+#define POLL_MS       16
 
 struct view_job {
 	struct dio_session_options session;

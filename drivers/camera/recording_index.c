@@ -11,8 +11,8 @@
 #include "dio/atomic_file.h"
 #include "dio/file.h"
 
-#define FORMAT_NAME	"diorama-recording"
-#define FORMAT_VERSION	1
+#define FORMAT_NAME     "diorama-recording"
+#define FORMAT_VERSION  1
 #define INDEX_BYTES_MAX ((size_t)256 << 20)
 
 void dio_recording_index_deinit(struct dio_recording_index *index)

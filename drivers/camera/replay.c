@@ -17,7 +17,7 @@
 
 #define NS_PER_S 1000000000.0
 /* Pictures of a folder carry no time: they are stamped as if taken at this rate unless told. */
-#define FOLDER_RATE	30.0
+#define FOLDER_RATE     30.0
 #define FRAME_BYTES_MAX ((size_t)1 << 30)
 
 struct replay {
@@ -28,7 +28,7 @@ struct replay {
 	struct dio_recording_index index;
 	size_t count, next;
 	uint64_t epoch_ns; /* when frame 0 is due */
-	char *path;	   /* of the frame taken last */
+	char *path;        /* of the frame taken last */
 	struct dio_picture picture;
 	uint8_t *bytes; /* of an MJPEG frame */
 };

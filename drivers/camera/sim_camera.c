@@ -20,7 +20,7 @@ struct sim {
 	struct dio_sim_camera lens; /* without pose */
 	struct dio_sim_camera truth;
 	struct dio_picture picture;
-	uint64_t next;	   /* index of the frame to come */
+	uint64_t next;     /* index of the frame to come */
 	uint64_t epoch_ns; /* when frame 0 is due; 0 when there is no pace */
 	bool has_truth;
 };

@@ -10,11 +10,11 @@
 struct dio_sim_spec {
 	struct dio_sim_scene_options scene;
 	uint32_t width, height;
-	uint32_t style;	  /* of dio_sim_viewpoint() */
+	uint32_t style;   /* of dio_sim_viewpoint() */
 	uint32_t samples; /* rays a pixel side */
 	double fps;
 	uint64_t frames;   /* 0: endless */
-	double fov_deg;	   /* horizontal */
+	double fov_deg;    /* horizontal */
 	double distortion; /* 0: none, 1: a wide-angle lens's barrel, below 0: a cushion */
 	struct dio_sim_sensor sensor;
 };

@@ -39,10 +39,10 @@ struct v4l2_camera {
 	struct dio_v4l2_format format;
 	struct mapping buffers[BUFFERS_MAX];
 	uint32_t buffer_count; /* mapped so far: a half-open camera closes like any other */
-	bool holds;	       /* a frame is lent to the caller */
-	uint32_t held;	       /* its buffer */
-	bool gone;	       /* unplugged: nothing but close works */
-	bool sequenced;	       /* last_sequence is valid */
+	bool holds;            /* a frame is lent to the caller */
+	uint32_t held;         /* its buffer */
+	bool gone;             /* unplugged: nothing but close works */
+	bool sequenced;        /* last_sequence is valid */
 	uint32_t last_sequence;
 };
 

@@ -18,7 +18,7 @@ struct dio_v4l2_device {
 struct dio_v4l2_format {
 	enum dio_pixel_format format;
 	uint32_t width, height, pitch_bytes;
-	size_t frame_bytes_min;	  /* fewer in a buffer: a damaged frame. 1 for MJPEG */
+	size_t frame_bytes_min;   /* fewer in a buffer: a damaged frame. 1 for MJPEG */
 	double frames_per_second; /* 0: the driver does not say */
 };
 

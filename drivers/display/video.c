@@ -12,8 +12,8 @@
 
 /* The same number everywhere: x264's bits depend on it. */
 #define ENCODER_THREADS 2
-#define H264_CRF	"18"
-#define MPEG4_QSCALE	3
+#define H264_CRF        "18"
+#define MPEG4_QSCALE    3
 /* MPEG-4 part 2 stores the clock in 16 bits. */
 #define CLOCK_MAX 60000
 
@@ -27,7 +27,7 @@ struct dio_video {
 	AVPacket *packet;
 	struct SwsContext *scaler;
 	struct dio_picture padded; /* only when a side is odd */
-	uint32_t width, height;	   /* as the caller's pictures have them */
+	uint32_t width, height;    /* as the caller's pictures have them */
 	int64_t count;
 	enum dio_status failed; /* the first failure: the file is not kept */
 };

@@ -5,7 +5,7 @@ struct v3 sim_hsv(float hue, float saturation, float value)
 {
 	float h = 6 * fract(hue), c = value * saturation, m = value - c;
 	float x = c * (1 - absf(h - 2 * (float)floor_int(h / 2) - 1));
-	struct v3 rgb = h < 1	? v3(c, x, 0)
+	struct v3 rgb = h < 1   ? v3(c, x, 0)
 			: h < 2 ? v3(x, c, 0)
 			: h < 3 ? v3(0, c, x)
 			: h < 4 ? v3(0, x, c)
@@ -126,10 +126,10 @@ struct material sim_material(struct rng *r, enum texture_kind texture, float per
 struct material sim_material_any(struct rng *r, float size_m)
 {
 	static const uint8_t kinds[] = {
-		TEX_PLAIN,    TEX_PLAIN, TEX_PLAIN, TEX_PLAIN,	 TEX_CHECKS,
-		TEX_STRIPES,  TEX_NOISE, TEX_NOISE, TEX_NOISE,	 TEX_BLOTCHES,
-		TEX_MARBLE,   TEX_WOOD,	 TEX_WOOD,  TEX_CELLS,	 TEX_TILES,
-		TEX_DOTS,     TEX_PRINT, TEX_PRINT, TEX_PRINT,	 TEX_PRINT,
+		TEX_PLAIN,    TEX_PLAIN, TEX_PLAIN, TEX_PLAIN,   TEX_CHECKS,
+		TEX_STRIPES,  TEX_NOISE, TEX_NOISE, TEX_NOISE,   TEX_BLOTCHES,
+		TEX_MARBLE,   TEX_WOOD,  TEX_WOOD,  TEX_CELLS,   TEX_TILES,
+		TEX_DOTS,     TEX_PRINT, TEX_PRINT, TEX_PRINT,   TEX_PRINT,
 		TEX_GRADIENT, TEX_WEAVE, TEX_MOTIF, TEX_PICTURE, TEX_PICTURE,
 	};
 	enum texture_kind kind = kinds[rng_below(r, sizeof(kinds))];
@@ -145,9 +145,9 @@ struct material sim_material_any(struct rng *r, float size_m)
 struct material sim_material_floor(struct rng *r, float size_m)
 {
 	static const uint8_t kinds[] = {
-		TEX_WOOD,     TEX_WOOD,	  TEX_WOOD,  TEX_WOOD,	TEX_PLAIN,   TEX_PLAIN, TEX_PLAIN,
+		TEX_WOOD,     TEX_WOOD,   TEX_WOOD,  TEX_WOOD,  TEX_PLAIN,   TEX_PLAIN, TEX_PLAIN,
 		TEX_NOISE,    TEX_NOISE,  TEX_TILES, TEX_TILES, TEX_CELLS,   TEX_WEAVE, TEX_MARBLE,
-		TEX_BLOTCHES, TEX_CHECKS, TEX_MOTIF, TEX_DOTS,	TEX_STRIPES,
+		TEX_BLOTCHES, TEX_CHECKS, TEX_MOTIF, TEX_DOTS,  TEX_STRIPES,
 	};
 	enum texture_kind kind = kinds[rng_below(r, sizeof(kinds))];
 	struct material m = sim_material(r, kind, size_m * rng_in(r, 0.05f, 0.35f));
@@ -168,7 +168,7 @@ struct material sim_material_wall(struct rng *r, float size_m)
 {
 	static const uint8_t kinds[] = {
 		TEX_PLAIN, TEX_PLAIN, TEX_PLAIN, TEX_PLAIN,   TEX_NOISE, TEX_MOTIF,
-		TEX_TILES, TEX_TILES, TEX_WOOD,	 TEX_STRIPES, TEX_CELLS,
+		TEX_TILES, TEX_TILES, TEX_WOOD,  TEX_STRIPES, TEX_CELLS,
 	};
 	enum texture_kind kind = kinds[rng_below(r, sizeof(kinds))];
 	struct material m = sim_material(r, kind, size_m * rng_in(r, 0.05f, 0.2f));

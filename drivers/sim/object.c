@@ -175,7 +175,7 @@ static float assembly(struct builder *b, float s)
 {
 	static const enum shape shapes[] = {
 		SHAPE_BOX,     SHAPE_BOX,   SHAPE_CYLINDER,  SHAPE_CYLINDER, SHAPE_ELLIPSOID,
-		SHAPE_FRUSTUM, SHAPE_TORUS, SHAPE_ROUND_BOX, SHAPE_ARC,	     SHAPE_PEBBLE};
+		SHAPE_FRUSTUM, SHAPE_TORUS, SHAPE_ROUND_BOX, SHAPE_ARC,      SHAPE_PEBBLE};
 	struct rng *r = b->rng;
 	struct material paint[3];
 	uint32_t parts = 4 + rng_below(r, 9);
@@ -288,9 +288,9 @@ float sim_object_add(struct dio_sim_scene *scene, struct rng *rng, struct v3 ori
 {
 	static float (*const makers[])(struct builder *, float) = {
 		simple_solid, simple_solid, simple_solid, simple_solid, simple_solid, vessel,
-		vessel,	      mug,	    mug,	  book_stack,	plate,	      fruit,
-		fruit,	      tower,	    assembly,	  assembly,	house,	      flat,
-		flat,	      carved_block, sticks,
+		vessel,       mug,          mug,          book_stack,   plate,        fruit,
+		fruit,        tower,        assembly,     assembly,     house,        flat,
+		flat,         carved_block, sticks,
 	};
 	struct builder b;
 	float radius;

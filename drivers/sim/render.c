@@ -11,7 +11,7 @@ enum { TILE = 8 };
 /* Rectangle of pixels, x1 and y1 excluded. */
 struct tile {
 	uint32_t x0, y0, x1, y1;
-	struct prim_set met;	   /* what its rays may meet */
+	struct prim_set met;       /* what its rays may meet */
 	struct neighbourhood near; /* what may shade what they meet */
 };
 
@@ -21,10 +21,10 @@ struct picture {
 	const struct dio_sim_camera *camera;
 	uint32_t samples;
 	float pixel_angle;
-	float *rgb;		   /* [height][width][3] linear */
-	uint16_t *surface;	   /* [height][width] what the centre ray met, see trace.h */
+	float *rgb;                /* [height][width][3] linear */
+	uint16_t *surface;         /* [height][width] what the centre ray met, see trace.h */
 	struct response *response; /* [height][width] of the centre ray */
-	uint8_t *refine;	   /* [height][width] REFINE_ bits */
+	uint8_t *refine;           /* [height][width] REFINE_ bits */
 	struct tile *tiles;
 	size_t tile_count;
 };

@@ -80,7 +80,7 @@ struct rig sim_rig_draw(const struct dio_sim_scene *s, struct rng *r, uint32_t w
 	case DIO_SIM_STREET: {
 		float toward = rng_unit(r);
 
-		rig.style = rng_chance(r, 0.5f)	  ? RIG_FORWARD
+		rig.style = rng_chance(r, 0.5f)   ? RIG_FORWARD
 			    : rng_chance(r, 0.5f) ? RIG_WALK
 						  : RIG_RING;
 		rig.turn_span = rng_in(r, 0.05f, 0.3f);

@@ -13,11 +13,11 @@ enum rig_style {
 
 struct rig {
 	enum rig_style style;
-	float turn, turn_span;	   /* direction from focus to camera and its spread, turns */
+	float turn, turn_span;     /* direction from focus to camera and its spread, turns */
 	float height, height_span; /* elevation, turns */
-	float away, away_span;	   /* distance, and its relative spread */
-	float aim_jitter;	   /* metres by which the aim wanders */
-	float roll, roll_span;	   /* turns */
+	float away, away_span;     /* distance, and its relative spread */
+	float aim_jitter;          /* metres by which the aim wanders */
+	float roll, roll_span;     /* turns */
 	struct v3 aim;
 	double fx, fy, cx, cy;
 };

@@ -50,7 +50,7 @@ static void furnish(struct dio_sim_scene *s, struct rng *r)
 	struct builder b;
 
 	/* Wall 0 is y high; the thing's own y points at its wall. */
-	at = wall == 0	 ? v3(mixf(lo.x, hi.x, u), hi.y - d, lo.z)
+	at = wall == 0   ? v3(mixf(lo.x, hi.x, u), hi.y - d, lo.z)
 	     : wall == 1 ? v3(lo.x + d, mixf(lo.y, hi.y, u), lo.z)
 	     : wall == 2 ? v3(mixf(lo.x, hi.x, u), lo.y + d, lo.z)
 			 : v3(hi.x - d, mixf(lo.y, hi.y, u), lo.z);

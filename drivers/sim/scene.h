@@ -37,10 +37,10 @@ struct material {
 	uint32_t seed;
 	float scale; /* texture periods per metre */
 	float turn_cos, turn_sin;
-	float grime;	     /* strength of large-scale brightness variation */
-	float specular;	     /* reflectance at normal incidence, 0: matt */
+	float grime;         /* strength of large-scale brightness variation */
+	float specular;      /* reflectance at normal incidence, 0: matt */
 	uint32_t gloss_log2; /* highlight exponent is 2^this */
-	bool reflects;	     /* trace one bounce */
+	bool reflects;       /* trace one bounce */
 	float emission;
 	struct v3 colour[4]; /* linear */
 };
@@ -48,25 +48,25 @@ struct material {
 enum shape {
 	SHAPE_BOX,
 	SHAPE_ELLIPSOID,
-	SHAPE_CYLINDER,	 /* axis z, radius half.x, half height half.z */
-	SHAPE_FRUSTUM,	 /* axis z, radius half.x below, `extra` above, half height half.z */
-	SHAPE_TORUS,	 /* axis z, ring radius half.x, tube radius half.y */
+	SHAPE_CYLINDER,  /* axis z, radius half.x, half height half.z */
+	SHAPE_FRUSTUM,   /* axis z, radius half.x below, `extra` above, half height half.z */
+	SHAPE_TORUS,     /* axis z, ring radius half.x, tube radius half.y */
 	SHAPE_ROUND_BOX, /* `extra` is the edge radius */
-	SHAPE_CUP,	 /* open-topped cylinder, wall thickness `extra` */
-	SHAPE_PEBBLE,	 /* ellipsoid under a smooth deformation of depth `extra` */
-	SHAPE_ARC,	 /* part of a torus: half.x ring, half.y tube, `extra` half angle, turns */
-	SHAPE_CARVED,	 /* box with a sphere of radius `extra` cut from its top */
+	SHAPE_CUP,       /* open-topped cylinder, wall thickness `extra` */
+	SHAPE_PEBBLE,    /* ellipsoid under a smooth deformation of depth `extra` */
+	SHAPE_ARC,       /* part of a torus: half.x ring, half.y tube, `extra` half angle, turns */
+	SHAPE_CARVED,    /* box with a sphere of radius `extra` cut from its top */
 };
 
 struct prim {
 	enum shape shape;
 	struct v3 centre, half;
 	float extra;
-	struct v3 inv;		  /* 1 / half */
+	struct v3 inv;            /* 1 / half */
 	float turn_cos, turn_sin; /* of `extra` turns */
-	float bound;		  /* radius of the bounding sphere about `centre` */
-	struct v3 reach;	  /* half sides of the bounding box in its own frame */
-	float top;		  /* highest z in the world */
+	float bound;              /* radius of the bounding sphere about `centre` */
+	struct v3 reach;          /* half sides of the bounding box in its own frame */
+	float top;                /* highest z in the world */
 	struct rotation rot;
 	struct material material;
 };
@@ -84,8 +84,8 @@ struct light {
 };
 
 enum surround {
-	SURROUND_SKY,	/* gradient, clouds */
-	SURROUND_ROOM,	/* inside of a box */
+	SURROUND_SKY,   /* gradient, clouds */
+	SURROUND_ROOM,  /* inside of a box */
 	SURROUND_PLAIN, /* one colour everywhere */
 };
 

@@ -7,7 +7,7 @@
 #include "trace.h"
 
 #define SIM_PAPER_WHITE 0.80f
-#define SIM_PAPER_INK	0.035f
+#define SIM_PAPER_INK   0.035f
 
 /* How a surface answers to light at one point. */
 struct finish {
@@ -64,8 +64,8 @@ DIO_SIM_FN struct finish surface_finish(const struct dio_sim_scene *s, const str
 /* What may shade the points of a small region: found once for a tile, used by its pixels. Functions
  * that take one accept NULL for a point that lies anywhere. */
 struct neighbourhood {
-	struct v3 lo, hi;		      /* the region */
-	uint64_t ambient;		      /* things near enough to keep ambient light off */
+	struct v3 lo, hi;                     /* the region */
+	uint64_t ambient;                     /* things near enough to keep ambient light off */
 	struct prim_set lamp[SIM_MAX_LIGHTS]; /* what may stand before each lamp */
 };
 

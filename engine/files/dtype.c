@@ -11,12 +11,12 @@ static const struct {
 	unsigned char bytes;
 } types[] = {
 	[DVSM_DTYPE_BOOL] = {"BOOL", 1},       [DVSM_DTYPE_U8] = {"U8", 1},
-	[DVSM_DTYPE_I8] = {"I8", 1},	       [DVSM_DTYPE_F8_E5M2] = {"F8_E5M2", 1},
+	[DVSM_DTYPE_I8] = {"I8", 1},           [DVSM_DTYPE_F8_E5M2] = {"F8_E5M2", 1},
 	[DVSM_DTYPE_F8_E4M3] = {"F8_E4M3", 1}, [DVSM_DTYPE_I16] = {"I16", 2},
-	[DVSM_DTYPE_U16] = {"U16", 2},	       [DVSM_DTYPE_F16] = {"F16", 2},
+	[DVSM_DTYPE_U16] = {"U16", 2},         [DVSM_DTYPE_F16] = {"F16", 2},
 	[DVSM_DTYPE_BF16] = {"BF16", 2},       [DVSM_DTYPE_I32] = {"I32", 4},
-	[DVSM_DTYPE_U32] = {"U32", 4},	       [DVSM_DTYPE_F32] = {"F32", 4},
-	[DVSM_DTYPE_F64] = {"F64", 8},	       [DVSM_DTYPE_I64] = {"I64", 8},
+	[DVSM_DTYPE_U32] = {"U32", 4},         [DVSM_DTYPE_F32] = {"F32", 4},
+	[DVSM_DTYPE_F64] = {"F64", 8},         [DVSM_DTYPE_I64] = {"I64", 8},
 	[DVSM_DTYPE_U64] = {"U64", 8},
 };
 

@@ -26,13 +26,13 @@ enum dvsm_json_type {
 struct dvsm_json_value {
 	enum dvsm_json_type type;
 	bool boolean;
-	bool is_count;	   /* a number written as digits alone that fits `count` */
+	bool is_count;     /* a number written as digits alone that fits `count` */
 	const char *key;   /* in an object: the member's key; owned by the document */
 	const char *text;  /* a string's text, UTF-8; owned by the document */
-	double number;	   /* a number's value; finite */
-	uint64_t count;	   /* the exact value when is_count */
-	uint32_t first;	   /* array, object: index of the first child or DVSM_JSON_NONE */
-	uint32_t next;	   /* index of the next sibling or DVSM_JSON_NONE */
+	double number;     /* a number's value; finite */
+	uint64_t count;    /* the exact value when is_count */
+	uint32_t first;    /* array, object: index of the first child or DVSM_JSON_NONE */
+	uint32_t next;     /* index of the next sibling or DVSM_JSON_NONE */
 	uint32_t children; /* array, object: how many */
 };
 

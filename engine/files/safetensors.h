@@ -34,7 +34,7 @@ struct dvsm_tensor {
 	enum dvsm_dtype dtype;
 	uint32_t rank;
 	uint64_t shape[DVSM_TENSOR_MAX_RANK];
-	size_t count;	   /* numbers in it */
+	size_t count;      /* numbers in it */
 	size_t begin, end; /* bytes from the end of the header */
 	/*
 	 * Where load puts the numbers, or NULL to check them only: float for F32, F16 and BF16, the

@@ -11,11 +11,11 @@
  * read that comes up short is an error like any other.
  */
 struct dvsm_source {
-	const char *name;	    /* for error texts; borrowed */
-	int fd;			    /* -1: from memory */
+	const char *name;           /* for error texts; borrowed */
+	int fd;                     /* -1: from memory */
 	const unsigned char *bytes; /* from memory; borrowed */
-	size_t size;		    /* of the whole */
-	size_t position;	    /* next byte to read */
+	size_t size;                /* of the whole */
+	size_t position;            /* next byte to read */
 };
 
 /** Open a regular file; `path` is borrowed until close. DVSM_IO when it cannot be. */

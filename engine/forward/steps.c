@@ -78,7 +78,7 @@ void dvsm_step_product(const struct dvsm_run *run, const float *a, size_t rows,
 struct heads_job {
 	const struct dvsm_run *run;
 	const float *from; /* queries, or keys and values */
-	float *queries;	   /* where queries go, NULL for keys and values */
+	float *queries;    /* where queries go, NULL for keys and values */
 	size_t stride, rows, first;
 	const float *weight;
 	const struct dvsm_heads *heads;

@@ -8,7 +8,7 @@
 
 /** What a run needs room for. */
 struct dvsm_job_size {
-	size_t tokens;	      /* of all pictures together: the residual stream */
+	size_t tokens;        /* of all pictures together: the residual stream */
 	size_t view_tokens;   /* of the largest picture: everything else is done a view at a time */
 	size_t scratch_bytes; /* of each thread */
 	uint32_t threads;
@@ -20,8 +20,8 @@ struct dvsm_workspace {
 	float *normed; /* [N][D] input of a product, then attention's output */
 	float *wide;   /* [N][wide_width] patches; q, k, v; MLP hidden; output patches */
 	size_t wide_width;
-	float *keys;		/* [h][N][D/h] of the view at hand */
-	float *values;		/* [h][N][D/h] */
+	float *keys;            /* [h][N][D/h] of the view at hand */
+	float *values;          /* [h][N][D/h] */
 	unsigned char *scratch; /* [threads][scratch_stride] */
 	size_t scratch_stride;
 };

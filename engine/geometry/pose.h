@@ -25,9 +25,9 @@ struct dvsm_pose {
 
 /** c' = scale * axes * (c - origin), R' = axes * R. */
 struct dvsm_normalisation {
-	double axes[9];	  /* A, row-major: rows are the rig's x, y and z axes */
+	double axes[9];   /* A, row-major: rows are the rig's x, y and z axes */
 	double origin[3]; /* t, mean camera centre */
-	double scale;	  /* s */
+	double scale;     /* s */
 };
 
 /**

@@ -11,7 +11,7 @@
 /** Tokens of one picture: `columns` x `rows`, row-major. */
 struct dvsm_token_grid {
 	uint32_t columns; /* gw = max(1, round(W/p)) */
-	uint32_t rows;	  /* gh = max(1, round(H/p)) */
+	uint32_t rows;    /* gh = max(1, round(H/p)) */
 };
 
 /** Grid of a W x H picture cut with stage patch p (1..256); round half up. */

@@ -14,11 +14,11 @@
 /* What one group of QUERY_LANES queries keeps; all rows are QUERY_LANES wide. */
 struct attention_state {
 	const float *q; /* [head_dim] transposed, times scale and log2 e */
-	float *scores;	/* [DVSM_ATTENTION_KEYS], then the weights */
-	float *out;	/* [head_dim] transposed, sum of weights times values */
-	float *top;	/* largest score so far, base 2 */
-	float *total;	/* sum of weights so far */
-	float *shrink;	/* what the last tile's new maximum did to the older sums */
+	float *scores;  /* [DVSM_ATTENTION_KEYS], then the weights */
+	float *out;     /* [head_dim] transposed, sum of weights times values */
+	float *top;     /* largest score so far, base 2 */
+	float *total;   /* sum of weights so far */
+	float *shrink;  /* what the last tile's new maximum did to the older sums */
 };
 
 /* out[j][i] = in[i][j] for any rows x cols block. */

@@ -3,10 +3,10 @@
 #include "kernels/vec_avx512.h"
 
 /* 32 registers: 24 sums, 3 or 4 loaded, 1 broadcast. */
-#define GEMM_ROWS	  8
-#define GEMM_PANELS	  3
+#define GEMM_ROWS         8
+#define GEMM_PANELS       3
 #define ATTENTION_VECTORS 4
-#define ATTENTION_ROWS	  6
+#define ATTENTION_ROWS    6
 
 #include "kernels/f32_math.inc.h"
 

@@ -5,10 +5,10 @@
 #include "kernels/vec_neon.h"
 
 /* 32 registers: 24 sums, 4 loaded, 1 broadcast. */
-#define GEMM_ROWS	  6
-#define GEMM_PANELS	  1
+#define GEMM_ROWS         6
+#define GEMM_PANELS       1
 #define ATTENTION_VECTORS 4
-#define ATTENTION_ROWS	  6
+#define ATTENTION_ROWS    6
 
 #include "kernels/f32_math.inc.h"
 

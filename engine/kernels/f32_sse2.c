@@ -3,10 +3,10 @@
 #include "kernels/vec_sse2.h"
 
 /* 16 registers: 8 sums, 4 loaded, 1 broadcast, 1 product. */
-#define GEMM_ROWS	  2
-#define GEMM_PANELS	  1
+#define GEMM_ROWS         2
+#define GEMM_PANELS       1
 #define ATTENTION_VECTORS 2
-#define ATTENTION_ROWS	  4
+#define ATTENTION_ROWS    4
 
 #include "kernels/f32_math.inc.h"
 

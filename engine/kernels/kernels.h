@@ -69,8 +69,8 @@ struct dvsm_attention {
 	const float *v; /* [keys][head_dim], contiguous */
 	size_t keys;
 	size_t head_dim; /* >= 1 */
-	float scale;	 /* scores are scale q.k */
-	float *out;	 /* [queries][head_dim], rows out_stride apart; may be q's memory */
+	float scale;     /* scores are scale q.k */
+	float *out;      /* [queries][head_dim], rows out_stride apart; may be q's memory */
 	size_t out_stride;
 	void *scratch; /* dvsm_attention_scratch(head_dim) bytes, 64-byte aligned */
 };

@@ -6,7 +6,7 @@
 #include "base/error.h"
 
 /* Far above any model there is, and small enough that no product of sizes overflows 64 bits. */
-#define MAX_DIM	      16384u
+#define MAX_DIM       16384u
 #define MAX_HEADS     1024u
 #define MAX_LAYERS    1024u
 #define MAX_PATCH_PX  256u
@@ -162,7 +162,7 @@ static enum dvsm_status get_prior(const struct dvsm_json *json, const char *name
 static enum dvsm_status check_keys(const struct dvsm_json *json, const char *name,
 				   struct dvsm_error *error)
 {
-	static const char *const known[] = {"dim",     "heads",	    "layers",
+	static const char *const known[] = {"dim",     "heads",     "layers",
 					    "patch",   "mlp_ratio", "norm_eps",
 					    "rgb_out", "pose_norm", "prior"};
 	const struct dvsm_json_value *member = dvsm_json_first(json, &json->values[0]);

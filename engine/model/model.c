@@ -18,9 +18,9 @@ struct walk {
 	struct dvsm_model *model;
 	struct dvsm_error *error;
 	enum dvsm_status status; /* of the first failure */
-	float *block;		 /* NULL in the measuring walk */
-	size_t used_bytes;	 /* of the block so far */
-	uint64_t count;		 /* of weights so far */
+	float *block;            /* NULL in the measuring walk */
+	size_t used_bytes;       /* of the block so far */
+	uint64_t count;          /* of weights so far */
 };
 
 /* The tensor of this name and shape, counted; NULL when there is none or the walk has failed. */

@@ -14,14 +14,14 @@
  * D = dim, h = heads, M = mlp_ratio * dim.
  */
 struct dvsm_half_weights {
-	const float *norm;	      /* [D]     LN before attention */
+	const float *norm;            /* [D]     LN before attention */
 	struct dvsm_matrix query;     /* [D][D]  head-major */
 	struct dvsm_matrix key_value; /* [2D][D] rows: all k, all v; head-major inside */
-	const float *q_norm;	      /* [D/h]   */
-	const float *k_norm;	      /* [D/h]   */
-	struct dvsm_matrix out;	      /* [D][D]  */
-	const float *mlp_norm;	      /* [D]     LN before the MLP */
-	struct dvsm_matrix up;	      /* [M][D]  */
+	const float *q_norm;          /* [D/h]   */
+	const float *k_norm;          /* [D/h]   */
+	struct dvsm_matrix out;       /* [D][D]  */
+	const float *mlp_norm;        /* [D]     LN before the MLP */
+	struct dvsm_matrix up;        /* [M][D]  */
 	struct dvsm_matrix down;      /* [D][M]  */
 };
 
@@ -31,12 +31,12 @@ struct dvsm_block_weights {
 };
 
 struct dvsm_weights {
-	struct dvsm_matrix patch_ray;	   /* [D][6qq] */
-	struct dvsm_matrix patch_rgb;	   /* [D][3qq] */
-	struct dvsm_matrix prior_proj;	   /* [D][Dp], panels NULL when the model has no prior */
-	const float *embed_norm;	   /* [D]      */
-	const float *final_norm;	   /* [D]      */
-	struct dvsm_matrix to_rgb;	   /* [3qq][D] */
+	struct dvsm_matrix patch_ray;      /* [D][6qq] */
+	struct dvsm_matrix patch_rgb;      /* [D][3qq] */
+	struct dvsm_matrix prior_proj;     /* [D][Dp], panels NULL when the model has no prior */
+	const float *embed_norm;           /* [D]      */
+	const float *final_norm;           /* [D]      */
+	struct dvsm_matrix to_rgb;         /* [3qq][D] */
 	struct dvsm_block_weights *blocks; /* [layers] */
 };
 
@@ -46,7 +46,7 @@ struct dvsm_model {
 	struct dvsm_weights weights;
 	uint64_t weight_count;
 	size_t weight_bytes; /* of `block` */
-	float *block;	     /* all tensors, one allocation; owned */
+	float *block;        /* all tensors, one allocation; owned */
 };
 
 /**

@@ -14,10 +14,10 @@ struct dvsm_scene {
 	uint32_t dim, heads, layers; /* of the model that made it */
 	char model_sha256[65];
 	uint32_t views;
-	uint32_t patch_px;	     /* stage patch p1 */
+	uint32_t patch_px;           /* stage patch p1 */
 	struct dvsm_camera *cameras; /* [views], world frame, as given; owned */
 	size_t *first_token; /* [views + 1], tokens of view v: first_token[v] .. [v + 1] - 1 */
-	size_t tokens;	     /* of all views together */
+	size_t tokens;       /* of all views together */
 	struct dvsm_normalisation normalisation;
 	/* The cache, [layers][heads][tokens][dim / heads] each: keys after QK-norm, and values.
 	 * Both lie in one 64-byte aligned allocation that `keys` begins; cache_bytes covers both.

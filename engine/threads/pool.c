@@ -36,7 +36,7 @@ struct dvsm_pool {
 	uint32_t sleepers;
 
 	_Atomic uint64_t generation; /* of the job; workers poll it */
-	_Atomic size_t next;	     /* task to claim */
+	_Atomic size_t next;         /* task to claim */
 	_Atomic uint32_t inside;     /* workers in the job; the caller polls it */
 
 	struct worker workers[];

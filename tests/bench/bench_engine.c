@@ -54,10 +54,10 @@ static uint32_t tier(const char *name)
 static struct setup parse(int argc, char **argv)
 {
 	static const struct option options[] = {
-		{"dim", 1, NULL, 'd'},	   {"heads", 1, NULL, 'h'}, {"layers", 1, NULL, 'l'},
+		{"dim", 1, NULL, 'd'},     {"heads", 1, NULL, 'h'}, {"layers", 1, NULL, 'l'},
 		{"patch", 1, NULL, 'p'},   {"side", 1, NULL, 's'},  {"views", 1, NULL, 'v'},
 		{"threads", 1, NULL, 't'}, {"runs", 1, NULL, 'n'},  {"cpu", 1, NULL, 'c'},
-		{"help", 0, NULL, '?'},	   {NULL, 0, NULL, 0},
+		{"help", 0, NULL, '?'},    {NULL, 0, NULL, 0},
 	};
 	struct setup setup = {384, 6, 8, 16, 4, 256, 4, 0, 7, 0};
 	int option;

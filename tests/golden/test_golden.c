@@ -19,7 +19,7 @@
  * layers, but are larger numbers.
  */
 #define RENDER_TOLERANCE 1e-5
-#define CACHE_TOLERANCE	 1e-5
+#define CACHE_TOLERANCE  1e-5
 
 static const uint32_t thread_counts[] = {1, 2, 3, 5};
 static const uint32_t tiers[] = {DVSM_CPU_SCALAR, DVSM_CPU_SSE2, DVSM_CPU_AVX2, DVSM_CPU_AVX512,
@@ -30,7 +30,7 @@ static const uint32_t tiers[] = {DVSM_CPU_SCALAR, DVSM_CPU_SSE2, DVSM_CPU_AVX2, 
 /* One case through one engine: pictures, then keys and values of the first and the last layer. */
 struct result {
 	size_t render_count, cache_count; /* floats of all pictures; of one cache array */
-	float *render;			  /* [targets][height][width][3], then the four below */
+	float *render;                    /* [targets][height][width][3], then the four below */
 	float *k0, *v0, *kl, *vl;
 };
 

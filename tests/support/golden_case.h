@@ -13,7 +13,7 @@ struct support_case {
 	struct dvsm_camera *targets; /* [target_count] */
 	uint32_t target_count;
 	uint32_t recon_patch_px, render_patch_px;
-	struct support_array render;	     /* [targets][height][width][3] */
+	struct support_array render;         /* [targets][height][width][3] */
 	struct support_array k0, v0, kl, vl; /* [heads][tokens][D/heads] */
 };
 

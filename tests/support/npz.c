@@ -9,13 +9,13 @@
 #include "support/files.h"
 
 /* Zip: end of central directory, then one central entry a member (APPNOTE.TXT 4.3.12, 4.3.16). */
-#define END_SIGNATURE	0x06054b50u
+#define END_SIGNATURE   0x06054b50u
 #define ENTRY_SIGNATURE 0x02014b50u
 #define LOCAL_SIGNATURE 0x04034b50u
-#define END_BYTES	22u
-#define ENTRY_BYTES	46u
-#define LOCAL_BYTES	30u
-#define METHOD_STORED	0u
+#define END_BYTES       22u
+#define ENTRY_BYTES     46u
+#define LOCAL_BYTES     30u
+#define METHOD_STORED   0u
 #define METHOD_DEFLATED 8u
 
 struct member {

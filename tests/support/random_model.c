@@ -13,10 +13,10 @@
 /* The walk over a model's tensors: measured first, then header and numbers are written together. */
 struct maker {
 	struct support_random *random;
-	char *header;		  /* NULL while measuring */
+	char *header;             /* NULL while measuring */
 	size_t header_size, room; /* bytes of header so far; of `header`, with a 0 behind it */
-	float *data;		  /* behind the header */
-	size_t count;		  /* floats so far */
+	float *data;              /* behind the header */
+	size_t count;             /* floats so far */
 };
 
 __attribute__((format(printf, 2, 3))) static void say(struct maker *maker, const char *format, ...)

@@ -50,10 +50,10 @@ void dio_board_format(const struct dio_board *board, char *spec, uint32_t spec_s
 /** Corners found in one picture. Release with dio_corners_deinit(). */
 struct dio_corners {
 	uint32_t count;
-	uint32_t *ids;		      /* index of the corner on the board, row by row */
-	float (*image_px)[2];	      /* pixel positions */
-	double (*board_m)[3];	      /* board frame, z = 0 */
-	double sharpness_px;	      /* edge width over the board, 0 when not measured */
+	uint32_t *ids;                /* index of the corner on the board, row by row */
+	float (*image_px)[2];         /* pixel positions */
+	double (*board_m)[3];         /* board frame, z = 0 */
+	double sharpness_px;          /* edge width over the board, 0 when not measured */
 	enum dio_board_layout layout; /* ChArUco: the layout that fits this picture */
 	bool by_sector_detector;      /* chessboard: found by the sector-based detector */
 };

@@ -24,17 +24,17 @@ enum dio_view_use {
 struct dio_calibration_view {
 	enum dio_view_use use;
 	uint32_t corners;
-	double rms_px;	  /* reprojection error with the final model */
+	double rms_px;    /* reprojection error with the final model */
 	char reason[160]; /* why it is not used; "" when used */
 };
 
 /** Thresholds; dio_calibration_defaults() fills in what the command line uses. */
 struct dio_calibration_options {
-	uint32_t min_views;	  /* used views below this: refused; at least 4 */
-	double min_tilt_deg;	  /* largest angle between board normals */
-	double min_coverage;	  /* share of picture cells that hold a corner, [0,1] */
+	uint32_t min_views;       /* used views below this: refused; at least 4 */
+	double min_tilt_deg;      /* largest angle between board normals */
+	double min_coverage;      /* share of picture cells that hold a corner, [0,1] */
 	double max_heldout_ratio; /* held-out RMS / fit RMS above this: refused */
-	bool fix_k3;		  /* k3 = 0 whatever the views say */
+	bool fix_k3;              /* k3 = 0 whatever the views say */
 };
 void dio_calibration_defaults(struct dio_calibration_options *options);
 
@@ -49,7 +49,7 @@ void dio_calibration_defaults(struct dio_calibration_options *options);
 struct dio_calibration {
 	struct dio_camera_model model;
 	double sigma_fx, sigma_fy, sigma_cx, sigma_cy, sigma_dist[5];
-	double rms_px;	       /* over the used corners */
+	double rms_px;         /* over the used corners */
 	double heldout_rms_px; /* fit on one half of the views, tested on the other, both ways */
 	double coverage;       /* share of a grid of picture cells with at least one corner */
 	double tilt_deg;       /* largest angle between two board normals */

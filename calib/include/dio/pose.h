@@ -22,7 +22,7 @@ extern "C" {
  */
 struct dio_pose_estimate {
 	struct dio_pose pose;
-	double rms_px;		   /* reprojection error of the pose taken */
+	double rms_px;             /* reprojection error of the pose taken */
 	double alternative_rms_px; /* of the other planar solution; 0 when there was none */
 	uint32_t corners;
 };

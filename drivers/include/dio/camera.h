@@ -21,7 +21,7 @@ struct dio_camera_options {
 	double frames_per_second;
 	bool as_fast_as_possible; /* replay and sim: no pacing; replay of a recording: ignore its
 				     pace */
-	bool every_frame;	  /* deliver in order instead of draining to the newest */
+	bool every_frame;         /* deliver in order instead of draining to the newest */
 };
 
 struct dio_camera_info {
@@ -29,13 +29,13 @@ struct dio_camera_info {
 	enum dio_pixel_format format;
 	uint32_t width, height;
 	double frames_per_second; /* 0: unknown */
-	uint64_t frame_count;	  /* 0: endless */
+	uint64_t frame_count;     /* 0: endless */
 };
 
 struct dio_camera_counters {
 	uint64_t delivered;
 	uint64_t drained; /* older frames passed over for the newest */
-	uint64_t lost;	  /* gaps in the driver's sequence */
+	uint64_t lost;    /* gaps in the driver's sequence */
 	uint64_t broken;  /* frames the driver flagged as damaged */
 };
 

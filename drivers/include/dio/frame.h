@@ -14,9 +14,9 @@ extern "C" {
 enum dio_pixel_format {
 	DIO_PIXEL_RGB24, /* [h][w][3] bytes */
 	DIO_PIXEL_GRAY8, /* [h][w] bytes */
-	DIO_PIXEL_YUYV,	 /* [h][w/2][4] bytes Y0 U Y1 V; BT.601 limited range unless the driver says
+	DIO_PIXEL_YUYV,  /* [h][w/2][4] bytes Y0 U Y1 V; BT.601 limited range unless the driver says
 			    otherwise */
-	DIO_PIXEL_NV12,	 /* [h][w] Y, then [h/2][w/2][2] UV */
+	DIO_PIXEL_NV12,  /* [h][w] Y, then [h/2][w/2][2] UV */
 	DIO_PIXEL_MJPEG, /* one JPEG picture of size_bytes */
 };
 

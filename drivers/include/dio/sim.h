@@ -20,10 +20,10 @@ extern "C" {
 struct dio_sim_scene;
 
 enum dio_sim_kind {
-	DIO_SIM_TABLE,	   /* textured boxes, balls, cylinders on a textured table */
-	DIO_SIM_ROOM,	   /* inside four walls */
+	DIO_SIM_TABLE,     /* textured boxes, balls, cylinders on a textured table */
+	DIO_SIM_ROOM,      /* inside four walls */
 	DIO_SIM_TURNTABLE, /* one object before a plain white, grey or black backdrop */
-	DIO_SIM_STREET,	   /* house fronts, walls and monuments out of doors */
+	DIO_SIM_STREET,    /* house fronts, walls and monuments out of doors */
 };
 
 /**
@@ -60,12 +60,12 @@ struct dio_sim_camera {
 
 /** What the sensor does to light; zero-initialised is a perfect sensor. */
 struct dio_sim_sensor {
-	float exposure_stops;	/* +1 doubles */
+	float exposure_stops;   /* +1 doubles */
 	float white_balance[3]; /* gains; 0 means 1 */
-	float noise;		/* standard deviation of read noise, in [0,1] of the picture */
-	float shot_noise;	/* the same at full scale, less in the dark */
-	float blur_px;		/* Gaussian */
-	float vignetting;	/* loss of light in the corners, [0,1] */
+	float noise;            /* standard deviation of read noise, in [0,1] of the picture */
+	float shot_noise;       /* the same at full scale, less in the dark */
+	float blur_px;          /* Gaussian */
+	float vignetting;       /* loss of light in the corners, [0,1] */
 	uint64_t noise_seed;
 };
 

@@ -14,16 +14,16 @@ enum dio_status {
 	DIO_END,       /* a folder or recording is at its end */
 	DIO_NO_SIGNAL, /* the device is there and delivers nothing */
 	/* Failures. */
-	DIO_BAD_ARG,	 /* an argument or specification out of its stated range */
-	DIO_BAD_FILE,	 /* a file that is there and is not what it should be */
-	DIO_NOT_FOUND,	 /* no such file or device */
-	DIO_BUSY,	 /* the device is in use by another process */
-	DIO_GONE,	 /* the device was unplugged */
-	DIO_IO,		 /* the system refused a read or a write */
-	DIO_NO_SPACE,	 /* disk full */
-	DIO_NO_MEM,	 /* out of memory, or a size that overflows */
+	DIO_BAD_ARG,     /* an argument or specification out of its stated range */
+	DIO_BAD_FILE,    /* a file that is there and is not what it should be */
+	DIO_NOT_FOUND,   /* no such file or device */
+	DIO_BUSY,        /* the device is in use by another process */
+	DIO_GONE,        /* the device was unplugged */
+	DIO_IO,          /* the system refused a read or a write */
+	DIO_NO_SPACE,    /* disk full */
+	DIO_NO_MEM,      /* out of memory, or a size that overflows */
 	DIO_UNSUPPORTED, /* well formed, but not offered by this device or build */
-	DIO_REFUSED,	 /* the data are too poor for an honest answer; the text says why */
+	DIO_REFUSED,     /* the data are too poor for an honest answer; the text says why */
 };
 
 /** Room for one line that names the thing, the fault and the remedy. */

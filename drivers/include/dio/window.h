@@ -16,14 +16,14 @@ struct dio_window;
 
 /** One step of input since the last call. */
 struct dio_window_input {
-	bool quit;	      /* closed, Escape or q */
-	bool reset;	      /* r */
-	bool save;	      /* s */
+	bool quit;            /* closed, Escape or q */
+	bool reset;           /* r */
+	bool save;            /* s */
 	float drag_x, drag_y; /* left drag, share of the window's width / height */
 	float pan_x, pan_y;   /* right drag */
-	float wheel;	      /* notches, + towards the viewer */
+	float wheel;          /* notches, + towards the viewer */
 	float key_x, key_y;   /* arrow keys, held or touched: -1, 0, 1; right and up are + */
-	float key_zoom;	      /* + and - keys */
+	float key_zoom;       /* + and - keys */
 };
 
 /** DIO_UNSUPPORTED: no display is present, or the build has no SDL2. */

@@ -54,15 +54,14 @@ struct dvsm_memory {
 
 /** What a call did and how long it took (CLOCK_MONOTONIC). */
 struct dvsm_stats {
-	uint32_t views;	 /* context views */
+	uint32_t views;  /* context views */
 	uint32_t tokens; /* tokens of the picture(s) processed */
-	uint64_t keys;	 /* cross-view keys per head and layer */
+	uint64_t keys;   /* cross-view keys per head and layer */
 	uint64_t time_ns;
 	struct dvsm_memory memory;
 };
 
-/** Called between blocks with share done in [0,1]; return false to cancel. Same thread as the call.
- */
+/** Called between blocks with the share done, [0,1], on the caller's thread; false cancels. */
 typedef bool dvsm_progress_fn(void *context, double done);
 
 /**

@@ -1,5 +1,4 @@
-/* Model weights: a safetensors file of MODEL.md section 6, read, checked and packed for the engine.
- */
+/* Model weights: a safetensors file (MODEL.md, section 6), read, checked and packed. */
 #ifndef DVSM_MODEL_H
 #define DVSM_MODEL_H
 
@@ -18,15 +17,14 @@ struct dvsm_model;
 
 /** What the file's `config` states; all values checked at open. */
 struct dvsm_model_config {
-	uint32_t dim;	    /* D, token width */
-	uint32_t heads;	    /* h, divides dim */
+	uint32_t dim;       /* D, token width */
+	uint32_t heads;     /* h, divides dim */
 	uint32_t layers;    /* L, blocks */
 	uint32_t patch_px;  /* q, side of the patch the weights were made for */
 	uint32_t mlp_ratio; /* hidden width of an MLP / D */
-	uint32_t
-		prior_dim; /* Dp, features of the foundation model; 0 when the model has no prior */
-	double norm_eps;   /* epsilon of every norm */
-	bool rgb_sigmoid;  /* rgb_out "sigmoid" instead of "linear" */
+	uint32_t prior_dim; /* Dp, features a token of the prior; 0 without one */
+	double norm_eps;    /* epsilon of every norm */
+	bool rgb_sigmoid;   /* rgb_out "sigmoid" instead of "linear" */
 };
 
 /**

@@ -18,7 +18,7 @@ enum dvsm_status {
 	DVSM_NO_MEM,   /* memory, or a size that does not fit the address space */
 	DVSM_MISMATCH, /* a scene made with another model */
 	DVSM_UNSUPPORTED, /* well formed, but this build or CPU cannot do it */
-	DVSM_CANCELLED,	  /* the caller's progress function asked to stop */
+	DVSM_CANCELLED,   /* the caller's progress function asked to stop */
 };
 
 /** Room for one line of text that names the thing, the fault and the remedy. */

@@ -8,11 +8,11 @@
 
 #include "core/scene_file.h"
 
-#define CAMERA			"\"camera\":{\"width\":16,\"height\":12,\"fx\":20,\"fy\":20,\"cx\":7.5,\"cy\":5.5}"
-#define IDENTITY		"[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]"
+#define CAMERA                  "\"camera\":{\"width\":16,\"height\":12,\"fx\":20,\"fy\":20,\"cx\":7.5,\"cy\":5.5}"
+#define IDENTITY                "[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]"
 #define FRAME(file, pose, more) "{\"file\":\"" file "\",\"world_from_camera\":" pose more "}"
-#define SCENE(camera, frames)	"{\"name\":\"t\"," camera ",\"frames\":[" frames "]}"
-#define GOOD_FRAME		FRAME("a.png", IDENTITY, "")
+#define SCENE(camera, frames)   "{\"name\":\"t\"," camera ",\"frames\":[" frames "]}"
+#define GOOD_FRAME              FRAME("a.png", IDENTITY, "")
 
 static const struct bad_scene {
 	const char *what, *text, *words;

@@ -9,8 +9,8 @@
 
 #include "dio/board.h"
 
-#define CHARUCO	  "charuco:10x7:0.0285:0.0171:DICT_6X6_250"
-#define DPI	  300
+#define CHARUCO   "charuco:10x7:0.0285:0.0171:DICT_6X6_250"
+#define DPI       300
 #define PX_PER_MM (DPI / 25.4)
 
 static struct fixture_run run;
@@ -161,8 +161,8 @@ static void a_png_board_is_found_at_its_true_size(void **state)
 
 static void a_png_states_its_resolution(void **state)
 {
-	static const unsigned char PHYS[] = {'p',  'H', 'Y', 's',  0,	 0, 0x2e,
-					     0x23, 0,	0,   0x2e, 0x23, 1};
+	static const unsigned char PHYS[] = {'p',  'H', 'Y', 's',  0,    0, 0x2e,
+					     0x23, 0,   0,   0x2e, 0x23, 1};
 	unsigned char head[64];
 	FILE *file;
 

@@ -113,8 +113,8 @@ static void a_corrupt_picture_is_named_and_the_others_are_used(void **state)
 static void a_reader_sees_views_fit_and_every_parameter_with_its_sigma(void **state)
 {
 	static const char *const WORDS[] = {"board", "pictures", "views",    "coverage",
-					    "tilt",  "RMS",	 "held out", "fx",
-					    "+-",    "k1",	 "used"};
+					    "tilt",  "RMS",      "held out", "fx",
+					    "+-",    "k1",       "used"};
 
 	(void)state;
 	fixture_diorama(&run, "calibrate", fixture_path("photos/frames"), "--board", BOARD, "--out",

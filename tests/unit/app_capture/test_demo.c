@@ -49,7 +49,7 @@ static double number(const cJSON *root, const char *key)
 static void expect_files(const char *folder)
 {
 	static const char *const NAMES[] = {"camera.yaml", "scene.json", "scene.safetensors",
-					    "sheet.png",   "orbit.mp4",	 "summary.md",
+					    "sheet.png",   "orbit.mp4",  "summary.md",
 					    "summary.json"};
 	struct stat about;
 

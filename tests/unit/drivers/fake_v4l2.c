@@ -6,7 +6,7 @@
 #include <sys/mman.h>
 
 #define NS_PER_MS 1000000u
-#define FAKE_FD	  1234
+#define FAKE_FD   1234
 
 void fake_v4l2_init(struct fake_v4l2 *fake)
 {
@@ -182,7 +182,7 @@ static int enum_rate(const struct fake_v4l2 *fake, struct v4l2_frmivalenum *offe
 static void settle(struct fake_v4l2 *fake)
 {
 	struct v4l2_pix_format *pix = &fake->pix;
-	uint32_t bytes = pix->pixelformat == V4L2_PIX_FMT_YUYV	  ? 2
+	uint32_t bytes = pix->pixelformat == V4L2_PIX_FMT_YUYV    ? 2
 			 : pix->pixelformat == V4L2_PIX_FMT_RGB24 ? 3
 								  : 1;
 
@@ -399,6 +399,6 @@ static uint64_t fake_now_ns(void *context)
 
 struct dio_v4l2_system fake_v4l2_system(struct fake_v4l2 *fake)
 {
-	return (struct dio_v4l2_system){fake,	  fake_open,  fake_close, fake_ioctl,
+	return (struct dio_v4l2_system){fake,     fake_open,  fake_close, fake_ioctl,
 					fake_map, fake_unmap, fake_poll,  fake_now_ns};
 }

@@ -10,8 +10,8 @@
 #include "v4l2_system.h"
 
 #define FAKE_BUFFERS_MAX 8
-#define FAKE_FRAMES_MAX	 64
-#define FAKE_MODES_MAX	 8
+#define FAKE_FRAMES_MAX  64
+#define FAKE_MODES_MAX   8
 
 /* One size and rate at which a pixel format is offered. */
 struct fake_mode {
@@ -23,7 +23,7 @@ struct fake_mode {
 struct fake_frame {
 	uint64_t at_ms;
 	uint32_t sequence;
-	uint32_t flags;	     /* besides the clock's */
+	uint32_t flags;      /* besides the clock's */
 	uint32_t bytes_less; /* than a whole frame */
 };
 
@@ -35,11 +35,11 @@ struct fake_v4l2 {
 	struct fake_frame frames[FAKE_FRAMES_MAX];
 	uint32_t force_fourcc, force_width, force_height, pad_bytes, force_field, force_planes;
 	uint32_t buffers_given; /* 0: as many as asked */
-	uint32_t clock_flag;	/* V4L2_BUF_FLAG_TIMESTAMP_* */
-	uint64_t unplug_at_ms;	/* 0: never */
+	uint32_t clock_flag;    /* V4L2_BUF_FLAG_TIMESTAMP_* */
+	uint64_t unplug_at_ms;  /* 0: never */
 	uint32_t interruptions; /* poll() calls that end with EINTR */
-	bool poll_error;	/* POLLERR without a cause */
-	bool steps;		/* sizes are a range from modes[0] to modes[1] in steps of 16 */
+	bool poll_error;        /* POLLERR without a cause */
+	bool steps;             /* sizes are a range from modes[0] to modes[1] in steps of 16 */
 
 	/* The call number `fail_call` (from 1) fails with fail_errno; so do all of request
 	 * fail_ioctl. */

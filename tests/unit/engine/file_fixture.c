@@ -62,7 +62,7 @@ static void append_half(struct fixture_file *file, const char *half, const char 
 		unsigned rows, columns;
 	} parts[] = {
 		{"_norm", 0, 8}, {".qkv", 24, 8},     {".q_norm", 0, 4},  {".k_norm", 0, 4},
-		{".out", 8, 8},	 {"_mlp_norm", 0, 8}, {"_mlp.up", 16, 8}, {"_mlp.down", 8, 16},
+		{".out", 8, 8},  {"_mlp_norm", 0, 8}, {"_mlp.up", 16, 8}, {"_mlp.down", 8, 16},
 	};
 	for (size_t i = 0; i < sizeof(parts) / sizeof(parts[0]); i++) {
 		char name[64];

@@ -207,7 +207,7 @@ static void a_non_finite_number_is_refused_in_every_type_and_tensor(void **state
 		size_t bytes;
 	} cases[] = {
 		{"F32", 0x7fc00000, 4}, {"F32", 0x7f800000, 4}, {"F32", 0xff800001, 4},
-		{"F16", 0x7c00, 2},	{"F16", 0xfe00, 2},	{"BF16", 0x7f80, 2},
+		{"F16", 0x7c00, 2},     {"F16", 0xfe00, 2},     {"BF16", 0x7f80, 2},
 		{"BF16", 0xffc0, 2},
 	};
 	for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
@@ -423,8 +423,8 @@ static void a_huge_header_length_is_refused(void **state)
 	fixture_init_model(&file, "F32");
 	size_t size;
 	unsigned char *bytes = fixture_emit(&file, &size);
-	const uint64_t lengths[] = {UINT64_MAX, UINT64_MAX - 8,	    (uint64_t)1 << 63,	     size,
-				    size - 7,	(uint64_t)64 << 20, ((uint64_t)64 << 20) + 1};
+	const uint64_t lengths[] = {UINT64_MAX, UINT64_MAX - 8,     (uint64_t)1 << 63,       size,
+				    size - 7,   (uint64_t)64 << 20, ((uint64_t)64 << 20) + 1};
 	for (size_t i = 0; i < sizeof(lengths) / sizeof(lengths[0]); i++) {
 		struct dvsm_model *model = NULL;
 		struct dvsm_error error = {""};

@@ -13,9 +13,9 @@ static void the_grid_rounds_half_up_and_is_never_empty(void **state)
 	static const struct {
 		uint32_t width, height, patch, columns, rows;
 	} cases[] = {
-		{48, 32, 8, 6, 4}, {12, 11, 8, 2, 1},	   {4, 3, 8, 1, 1},
+		{48, 32, 8, 6, 4}, {12, 11, 8, 2, 1},      {4, 3, 8, 1, 1},
 		{1, 1, 256, 1, 1}, {960, 540, 16, 60, 34}, {16384, 16384, 1, 16384, 16384},
-		{51, 37, 8, 6, 5}, {5, 7, 2, 3, 4},	   {384, 383, 256, 2, 1},
+		{51, 37, 8, 6, 5}, {5, 7, 2, 3, 4},        {384, 383, 256, 2, 1},
 	};
 	for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
 		struct dvsm_token_grid grid =
