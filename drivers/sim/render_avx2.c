@@ -1,5 +1,4 @@
-/* The tracer once more, compiled for processors with AVX2. Every operation is rounded alike, so the
- * pictures have the same bits. */
-#define sim_render_linear sim_render_linear_avx2
+/* The tracer for processors with AVX2. */
+#define SIM_RENDER sim_render_linear_avx2
 
-#include "render.c"
+#include "render.inc.h"

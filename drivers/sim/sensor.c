@@ -62,7 +62,7 @@ static int32_t blur_kernel(float sigma, float *kernel)
 
 static bool blur(float *rgb, uint32_t width, uint32_t height, float sigma)
 {
-	float kernel[2 * BLUR_REACH + 1];
+	float kernel[2 * BLUR_REACH + 1] = {0};
 	int32_t reach = blur_kernel(sigma, kernel);
 	size_t longest = width > height ? width : height;
 	float *line = malloc(longest * 3 * sizeof(float));
