@@ -11,7 +11,7 @@ def split_weights(model):
         if weight.dim() < 2:
             vectors.append(weight)
         else:
-            (inner if name.startswith("blocks.") else outer).append(weight)
+            (inner if "blocks." in name else outer).append(weight)
     return inner, outer, vectors
 
 

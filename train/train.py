@@ -82,13 +82,13 @@ class Place:
 class Run:
     """A run's state: weights, optimisers, average, step; and its folder."""
 
-    def __init__(self, args, recipe, place):
+    def __init__(self, args, recipe, place, network=dvsm.Dvsm):
         self.args, self.recipe, self.place = args, recipe, place
         self.step, self.scenes, self.targets, self.cpu_seconds, self.seconds = 0, 0, 0, 0.0, 0.0
         self.decay_from = 0.0
         torch.manual_seed(args.seed)
         config = dvsm.Config(**recipe["model"])
-        net = dvsm.load(args.init) if args.init else dvsm.Dvsm(config)
+        net = dvsm.load(args.init) if args.init else network(config)
         if net.config != config:
             raise SystemExit(f"train: {args.init} is {net.config}, the recipe says {config}")
         net.checkpointing = args.gradient_checkpointing

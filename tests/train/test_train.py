@@ -15,6 +15,7 @@ except ImportError:
     torch = None
 
 if torch:
+    import ablate
     import checkpoint
     import checks
     import data
@@ -209,6 +210,33 @@ class Trainer(unittest.TestCase):
         with self.assertRaisesRegex(RuntimeError, "generator"):
             loader.get()
         loader.close()
+
+    def test_lone_views_and_two_stages_change_what_they_say_and_nothing_else(self):
+        config = dvsm.Config(**TINY)
+        pictures, poses, intrinsics = Smooth().batch(3, 1, 4, (16, 12))
+        first = (pictures[:, :3], poses, intrinsics, (16, 12), (4, 4))
+        other = pictures[:, :3].clone()
+        other[:, 1] += 0.5
+        nets = {}
+        for kind in (dvsm.Dvsm, ablate.LoneViews, ablate.TwoStages):
+            torch.manual_seed(7)
+            nets[kind] = kind(config)
+        want = nets[dvsm.Dvsm](*first)
+        self.assertTrue(torch.equal(nets[ablate.TwoStages](*first), want))
+        with torch.no_grad():
+            nets[ablate.TwoStages].render_blocks[0].intra.out.weight.mul_(3)
+        self.assertFalse(torch.equal(nets[ablate.TwoStages](*first), want))
+
+        def keys(net, seen):
+            rotation, centre = geometry.normalise_poses(poses, 3)
+            return net.reconstruct(seen, (rotation[:, :3], centre[:, :3], intrinsics[:, :3]), 4)
+
+        n = keys(nets[dvsm.Dvsm], other)[0][0].shape[2] // 3
+        for kind, alone in ((dvsm.Dvsm, False), (ablate.LoneViews, True)):
+            a, b = (keys(nets[kind], seen)[1][0][:, :, :n] for seen in (pictures[:, :3], other))
+            self.assertEqual(torch.equal(a, b), alone)
+        lone = keys(nets[ablate.LoneViews], pictures[:, :3])[0][0]
+        self.assertLess((lone - keys(nets[dvsm.Dvsm], pictures[:, :3])[0][0]).abs().max(), 1e-5)
 
     def test_golden_cases_agree(self):
         shared = os.environ.get("DIO_SHARED_DIR")
