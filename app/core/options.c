@@ -16,16 +16,35 @@
 #define PATCH_MAX_PX 256
 
 /* Tiers by name. Each allows itself and what is below it on its architecture. */
+enum {
+	UP_TO_SSE2 = DVSM_CPU_SCALAR | DVSM_CPU_SSE2,
+	UP_TO_AVX2 = UP_TO_SSE2 | DVSM_CPU_AVX2,
+	UP_TO_AVX512 = UP_TO_AVX2 | DVSM_CPU_AVX512,
+	UP_TO_VNNI = UP_TO_AVX512 | DVSM_CPU_VNNI,
+	UP_TO_AVX512_BF16 = UP_TO_VNNI | DVSM_CPU_AVX512_BF16,
+	UP_TO_AMX = UP_TO_AVX512_BF16 | DVSM_CPU_AMX_INT8 | DVSM_CPU_AMX_BF16,
+	UP_TO_NEON = DVSM_CPU_SCALAR | DVSM_CPU_NEON,
+	UP_TO_DOTPROD = UP_TO_NEON | DVSM_CPU_NEON_DOTPROD,
+	UP_TO_I8MM = UP_TO_DOTPROD | DVSM_CPU_NEON_I8MM,
+	UP_TO_NEON_BF16 = UP_TO_I8MM | DVSM_CPU_NEON_BF16,
+};
+
 static const struct {
 	const char *name;
 	uint32_t mask;
 } TIERS[] = {
 	{"auto", DVSM_CPU_ALL},
 	{"scalar", DVSM_CPU_SCALAR},
-	{"sse2", DVSM_CPU_SCALAR | DVSM_CPU_SSE2},
-	{"avx2", DVSM_CPU_SCALAR | DVSM_CPU_SSE2 | DVSM_CPU_AVX2},
-	{"avx512", DVSM_CPU_SCALAR | DVSM_CPU_SSE2 | DVSM_CPU_AVX2 | DVSM_CPU_AVX512},
-	{"neon", DVSM_CPU_SCALAR | DVSM_CPU_NEON},
+	{"sse2", UP_TO_SSE2},
+	{"avx2", UP_TO_AVX2},
+	{"avx512", UP_TO_AVX512},
+	{"vnni", UP_TO_VNNI},
+	{"avx512bf16", UP_TO_AVX512_BF16},
+	{"amx", UP_TO_AMX},
+	{"neon", UP_TO_NEON},
+	{"dotprod", UP_TO_DOTPROD},
+	{"i8mm", UP_TO_I8MM},
+	{"neonbf16", UP_TO_NEON_BF16},
 };
 
 static void print_option(const char *name, const char *value, const char *help)
@@ -128,7 +147,24 @@ static enum dio_options_result set_tier(const struct dio_usage *usage,
 		*(uint32_t *)option->target = TIERS[i].mask;
 		return DIO_OPTIONS_RUN;
 	}
-	return wrong_value(usage, option, text, "auto, scalar, sse2, avx2, avx512 or neon");
+	return wrong_value(usage, option, text,
+			   "auto, scalar, sse2, avx2, avx512, vnni, avx512bf16, amx, neon, "
+			   "dotprod, i8mm or neonbf16");
+}
+
+static enum dio_options_result set_precision(const struct dio_usage *usage,
+					     const struct dio_option *option, const char *text)
+{
+	static const enum dvsm_precision ALL[] = {DVSM_PRECISION_F32, DVSM_PRECISION_BF16,
+						  DVSM_PRECISION_FIXED};
+
+	for (size_t i = 0; i < sizeof ALL / sizeof *ALL; i++) {
+		if (strcmp(text, dvsm_precision_name(ALL[i])) != 0)
+			continue;
+		*(enum dvsm_precision *)option->target = ALL[i];
+		return DIO_OPTIONS_RUN;
+	}
+	return wrong_value(usage, option, text, "f32, bf16 or fixed");
 }
 
 static enum dio_options_result set_option(const struct dio_usage *usage,
@@ -150,6 +186,8 @@ static enum dio_options_result set_option(const struct dio_usage *usage,
 		return set_patch(usage, option, text);
 	case DIO_OPTION_TIER:
 		return set_tier(usage, option, text);
+	case DIO_OPTION_ARITHMETIC:
+		return set_precision(usage, option, text);
 	}
 	return DIO_OPTIONS_WRONG;
 }

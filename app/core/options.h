@@ -13,6 +13,7 @@ enum dio_option_kind {
 	DIO_OPTION_REAL,  /* finite number in [min, max]; target is double * */
 	DIO_OPTION_PATCH, /* "auto" (0) or 1..256 pixels; target is uint32_t * */
 	DIO_OPTION_TIER,  /* an instruction-set tier as a dvsm_cpu mask; target is uint32_t * */
+	DIO_OPTION_ARITHMETIC, /* "f32", "bf16", "fixed"; target is enum dvsm_precision * */
 };
 
 /**

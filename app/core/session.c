@@ -43,7 +43,8 @@ static enum dio_status open_engine(struct dio_session *session,
 				   struct dio_error *error)
 {
 	const struct dvsm_engine_options engine = {.threads = options->threads,
-						   .cpu_mask = options->cpu_mask};
+						   .cpu_mask = options->cpu_mask,
+						   .precision = options->precision};
 	struct dvsm_error fault = {0};
 	enum dvsm_status status = dvsm_model_open(session->model_path, &session->model, &fault);
 

@@ -13,9 +13,10 @@ struct dio_session;
 
 /** Zero-initialised: the shipped model, every core and tier, stage patches chosen. */
 struct dio_session_options {
-	const char *model;     /* safetensors file, or NULL for the shipped one */
-	uint32_t threads;      /* 0: all */
-	uint32_t cpu_mask;     /* 0: all tiers */
+	const char *model; /* safetensors file, or NULL for the shipped one */
+	uint32_t threads;  /* 0: all */
+	uint32_t cpu_mask; /* 0: all tiers */
+	enum dvsm_precision precision;
 	uint32_t patch_recon;  /* stage patches in pixels; 0: chosen from the picture's size, */
 	uint32_t patch_render; /* see dio_model_choose_patch() */
 };

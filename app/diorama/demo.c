@@ -6,6 +6,7 @@
 #include "core/log.h"
 #include "core/options.h"
 #include "demo/demo.h"
+#include "engine_options.h"
 
 static int run(struct dio_demo_options *options, bool as_json)
 {
@@ -111,6 +112,8 @@ int dio_command_demo(int argc, char **argv)
 		 .target = &options.engine.threads,
 		 .min = 1,
 		 .max = 256},
+		DIO_OPTION_CPU(options.engine),
+		DIO_OPTION_PRECISION(options.engine),
 		{.name = "json",
 		 .kind = DIO_OPTION_FLAG,
 		 .help = "print summary.json instead of a line a stage",

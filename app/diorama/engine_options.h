@@ -30,9 +30,16 @@
 #define DIO_OPTION_CPU(s)                                                                          \
 	{                                                                                          \
 		"cpu", DIO_OPTION_TIER, "TIER",                                                    \
-			"highest instruction set: auto, scalar, sse2, avx2, avx512, neon\n"        \
-			"(default: auto)",                                                         \
+			"highest instruction set: auto, scalar, sse2, avx2, avx512, vnni,\n"       \
+			"avx512bf16, amx, neon, dotprod, i8mm, neonbf16 (default: auto)",          \
 			&(s).cpu_mask, 0, 0, false                                                 \
+	}
+#define DIO_OPTION_PRECISION(s)                                                                    \
+	{                                                                                          \
+		"precision", DIO_OPTION_ARITHMETIC, "P",                                           \
+			"f32, bf16, or fixed: integers alone, the same picture on every\n"         \
+			"machine (default: f32)",                                                  \
+			&(s).precision, 0, 0, false                                                \
 	}
 
 /* What `auto` does; part of a --help. */

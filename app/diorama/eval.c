@@ -42,6 +42,9 @@ static enum dio_status print_json(const char *name, const struct dio_view_set *s
 	dio_json_add_text(root, "cpu", dvsm_engine_get_cpu(dio_session_get_engine(session)));
 	cJSON_AddNumberToObject(root, "threads",
 				dvsm_engine_get_threads(dio_session_get_engine(session)));
+	dio_json_add_text(
+		root, "precision",
+		dvsm_precision_name(dvsm_engine_get_precision(dio_session_get_engine(session))));
 	cJSON_AddItemToObject(root, "memory", dio_report_memory(&evaluation->reconstruct.memory));
 	targets = cJSON_AddArrayToObject(root, "targets");
 	for (uint32_t i = 0; i < evaluation->count; i++) {
@@ -119,6 +122,7 @@ int dio_command_eval(int argc, char **argv)
 		DIO_OPTION_PATCH_RENDER(job.session),
 		DIO_OPTION_THREADS(job.session),
 		DIO_OPTION_CPU(job.session),
+		DIO_OPTION_PRECISION(job.session),
 		{"json", DIO_OPTION_FLAG, NULL, "results as JSON", &job.json, 0, 0, false},
 	};
 	const struct dio_usage usage = {

@@ -29,6 +29,9 @@ static enum dio_status print_json(const struct reconstruct_job *job,
 	dio_json_add_text(root, "cpu", dvsm_engine_get_cpu(dio_session_get_engine(session)));
 	cJSON_AddNumberToObject(root, "threads",
 				dvsm_engine_get_threads(dio_session_get_engine(session)));
+	dio_json_add_text(
+		root, "precision",
+		dvsm_precision_name(dvsm_engine_get_precision(dio_session_get_engine(session))));
 	cJSON_AddItemToObject(root, "memory", dio_report_memory(&stats->memory));
 	return dio_json_print(root, error);
 }
@@ -89,6 +92,7 @@ int dio_command_reconstruct(int argc, char **argv)
 		DIO_OPTION_PATCH_RECON(job.session),
 		DIO_OPTION_THREADS(job.session),
 		DIO_OPTION_CPU(job.session),
+		DIO_OPTION_PRECISION(job.session),
 		{"json", DIO_OPTION_FLAG, NULL, "results as JSON", &job.json, 0, 0, false},
 	};
 	const struct dio_usage usage = {

@@ -294,6 +294,7 @@ int dio_command_render(int argc, char **argv)
 		DIO_OPTION_PATCH_RENDER(job.session),
 		DIO_OPTION_THREADS(job.session),
 		DIO_OPTION_CPU(job.session),
+		DIO_OPTION_PRECISION(job.session),
 		{"json", DIO_OPTION_FLAG, NULL, "results as JSON", &job.json, 0, 0, false},
 	};
 	const struct dio_usage usage = {

@@ -19,6 +19,10 @@ enum dvsm_status dvsm_engine_create(const struct dvsm_model *model,
 		return dvsm_fail(error, DVSM_BAD_ARG, "engine: a model and a place are needed");
 	if (!options)
 		options = &defaults;
+	if (options->precision != DVSM_PRECISION_F32)
+		return dvsm_fail(error, DVSM_UNSUPPORTED,
+				 "engine: precision %s is not in this build: use f32",
+				 dvsm_precision_name(options->precision));
 
 	uint32_t threads = options->threads ? options->threads : dvsm_pool_processors();
 	struct dvsm_engine *made = calloc(1, sizeof(*made));
@@ -26,6 +30,7 @@ enum dvsm_status dvsm_engine_create(const struct dvsm_model *model,
 	if (!made)
 		return dvsm_fail(error, DVSM_NO_MEM, "no memory for an engine");
 	made->model = model;
+	made->precision = options->precision;
 	made->kernels =
 		dvsm_kernels_choose(options->cpu_mask ? options->cpu_mask : (uint32_t)DVSM_CPU_ALL);
 	status = dvsm_pool_create(threads, &made->pool, error);
@@ -54,6 +59,22 @@ const char *dvsm_engine_get_cpu(const struct dvsm_engine *engine)
 uint32_t dvsm_engine_get_threads(const struct dvsm_engine *engine)
 {
 	return dvsm_pool_get_threads(engine->pool);
+}
+
+enum dvsm_precision dvsm_engine_get_precision(const struct dvsm_engine *engine)
+{
+	return engine->precision;
+}
+
+const char *dvsm_precision_name(enum dvsm_precision precision)
+{
+	static const char *const names[] = {
+		[DVSM_PRECISION_F32] = "f32",
+		[DVSM_PRECISION_BF16] = "bf16",
+		[DVSM_PRECISION_FIXED] = "fixed",
+	};
+
+	return (size_t)precision < sizeof(names) / sizeof(names[0]) ? names[precision] : "unknown";
 }
 
 uint64_t dvsm_engine_now_ns(void)

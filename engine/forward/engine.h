@@ -9,6 +9,7 @@ struct dvsm_engine {
 	const struct dvsm_model *model; /* borrowed */
 	const struct dvsm_kernels *kernels;
 	struct dvsm_pool *pool;
+	enum dvsm_precision precision;
 	void *workspace; /* grows to the largest job so far; owned */
 	size_t workspace_bytes;
 };

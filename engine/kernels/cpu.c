@@ -3,9 +3,24 @@
 #if defined(__x86_64__)
 
 #include <cpuid.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
-#define XCR0_AVX    0x06u /* SSE and AVX state */
-#define XCR0_AVX512 0xe6u /* these, opmask, upper halves of zmm0-15, zmm16-31 */
+#define XCR0_AVX    0x00006u /* SSE and AVX state */
+#define XCR0_AVX512 0x000e6u /* these, opmask, upper halves of zmm0-15, zmm16-31 */
+#define XCR0_AMX    0x60000u /* tile configuration and tile data */
+
+/* Linux keeps the large tile state out of a process until it asks (arch/x86/kernel/fpu/xstate.c).
+ */
+#define REQUEST_STATE_PERMISSION 0x1023
+#define TILE_DATA_STATE          18
+
+/* CPUID leaf 7, subleaf 0 and 1; cpuid.h of older compilers does not name them all. */
+#define LEAF7_ECX_VNNI          (1u << 11)
+#define LEAF7_EDX_AMX_BF16      (1u << 22)
+#define LEAF7_EDX_AMX_TILE      (1u << 24)
+#define LEAF7_EDX_AMX_INT8      (1u << 25)
+#define LEAF7_1_EAX_AVX512_BF16 (1u << 5)
 
 /* SSE2 is part of the x86-64 base. CPUID tells what more there is; XCR0 tells which registers the
  * system saves. */
@@ -15,6 +30,30 @@ static uint32_t read_xcr0(void)
 
 	__asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
 	return low;
+}
+
+static bool may_use_tiles(uint32_t xcr0)
+{
+	return (xcr0 & XCR0_AMX) == XCR0_AMX &&
+	       syscall(SYS_arch_prctl, REQUEST_STATE_PERMISSION, TILE_DATA_STATE) == 0;
+}
+
+/* What builds on AVX-512: each tier only with the one below it. */
+static uint32_t detect_beyond_avx512(uint32_t ecx, uint32_t edx, uint32_t xcr0)
+{
+	uint32_t mask = 0, eax1 = 0, ebx1, ecx1, edx1;
+
+	if (ecx & LEAF7_ECX_VNNI)
+		mask |= DVSM_CPU_VNNI;
+	if (__get_cpuid_count(7, 1, &eax1, &ebx1, &ecx1, &edx1) && (eax1 & LEAF7_1_EAX_AVX512_BF16))
+		mask |= DVSM_CPU_AVX512_BF16;
+	if (!(edx & LEAF7_EDX_AMX_TILE) || !may_use_tiles(xcr0))
+		return mask;
+	if ((mask & DVSM_CPU_VNNI) && (edx & LEAF7_EDX_AMX_INT8))
+		mask |= DVSM_CPU_AMX_INT8;
+	if ((mask & DVSM_CPU_AVX512_BF16) && (edx & LEAF7_EDX_AMX_BF16))
+		mask |= DVSM_CPU_AMX_BF16;
+	return mask;
 }
 
 uint32_t dvsm_cpu_detect(void)
@@ -36,16 +75,33 @@ uint32_t dvsm_cpu_detect(void)
 
 	if ((mask & DVSM_CPU_AVX2) && (ebx & avx512) == avx512 &&
 	    (xcr0 & XCR0_AVX512) == XCR0_AVX512)
-		mask |= DVSM_CPU_AVX512;
+		mask |= DVSM_CPU_AVX512 | detect_beyond_avx512(ecx, edx, xcr0);
 	return mask;
 }
 
 #elif defined(__aarch64__)
 
+#include <sys/auxv.h>
+
+/* arch/arm64/include/uapi/asm/hwcap.h; older C libraries do not name them all. */
+#define CAP_ASIMDDP (1ul << 20)
+#define CAP2_I8MM   (1ul << 13)
+#define CAP2_BF16   (1ul << 14)
+
 /* Advanced SIMD is part of the aarch64 base. */
 uint32_t dvsm_cpu_detect(void)
 {
-	return DVSM_CPU_SCALAR | DVSM_CPU_NEON;
+	uint32_t mask = DVSM_CPU_SCALAR | DVSM_CPU_NEON;
+	unsigned long cap = getauxval(AT_HWCAP), cap2 = getauxval(AT_HWCAP2);
+
+	if (!(cap & CAP_ASIMDDP))
+		return mask;
+	mask |= DVSM_CPU_NEON_DOTPROD;
+	if (cap2 & CAP2_I8MM)
+		mask |= DVSM_CPU_NEON_I8MM;
+	if (cap2 & CAP2_BF16)
+		mask |= DVSM_CPU_NEON_BF16;
+	return mask;
 }
 
 #else
@@ -83,9 +139,25 @@ const struct dvsm_kernels *dvsm_kernels_choose(uint32_t mask)
 
 const char *dvsm_cpu_name(uint32_t mask)
 {
-	for (size_t i = 0; i + 1 < TIER_COUNT; i++) {
-		if (mask & tiers[i]->cpu)
-			return tiers[i]->name;
+	static const struct {
+		uint32_t tiers;
+		const char *name;
+	} names[] = {
+		{DVSM_CPU_AMX_INT8 | DVSM_CPU_AMX_BF16, "amx"},
+		{DVSM_CPU_AVX512_BF16, "avx512bf16"},
+		{DVSM_CPU_VNNI, "vnni"},
+		{DVSM_CPU_AVX512, "avx512"},
+		{DVSM_CPU_AVX2, "avx2"},
+		{DVSM_CPU_SSE2, "sse2"},
+		{DVSM_CPU_NEON_BF16, "neonbf16"},
+		{DVSM_CPU_NEON_I8MM, "i8mm"},
+		{DVSM_CPU_NEON_DOTPROD, "dotprod"},
+		{DVSM_CPU_NEON, "neon"},
+	};
+
+	for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++) {
+		if (mask & names[i].tiers)
+			return names[i].name;
 	}
-	return tiers[TIER_COUNT - 1]->name;
+	return "scalar";
 }

@@ -187,7 +187,8 @@ int main(int argc, char **argv)
 		.mlp_ratio = setup.mlp_ratio,
 		.norm_eps = 1e-6,
 	};
-	const struct dvsm_engine_options options = {setup.threads, setup.cpu_mask};
+	const struct dvsm_engine_options options = {.threads = setup.threads,
+						    .cpu_mask = setup.cpu_mask};
 	struct support_random random = {1};
 	struct dvsm_model *model = support_random_model(&config, &random);
 	struct dvsm_view *views = make_views(&setup, &random);

@@ -514,7 +514,35 @@ static void the_mask_chooses_the_tier_and_scalar_is_always_there(void **state)
 
 		assert_int_equal(kernels->cpu, present & cpu ? cpu : (uint32_t)DVSM_CPU_SCALAR);
 	}
-	assert_string_equal(dvsm_kernels_choose(DVSM_CPU_ALL)->name, dvsm_cpu_name(present));
+	const struct dvsm_kernels *best = dvsm_kernels_choose(DVSM_CPU_ALL);
+
+	assert_string_equal(best->name, dvsm_cpu_name(best->cpu));
+	assert_true(present & best->cpu);
+}
+
+static void every_tier_comes_with_those_it_builds_on(void **state)
+{
+	static const struct {
+		uint32_t tier, below;
+	} builds[] = {
+		{DVSM_CPU_AVX2, DVSM_CPU_SSE2},
+		{DVSM_CPU_AVX512, DVSM_CPU_AVX2},
+		{DVSM_CPU_VNNI, DVSM_CPU_AVX512},
+		{DVSM_CPU_AVX512_BF16, DVSM_CPU_AVX512},
+		{DVSM_CPU_AMX_INT8, DVSM_CPU_VNNI},
+		{DVSM_CPU_AMX_BF16, DVSM_CPU_AVX512_BF16},
+		{DVSM_CPU_NEON_DOTPROD, DVSM_CPU_NEON},
+		{DVSM_CPU_NEON_I8MM, DVSM_CPU_NEON_DOTPROD},
+		{DVSM_CPU_NEON_BF16, DVSM_CPU_NEON_DOTPROD},
+	};
+	uint32_t present = dvsm_cpu_detect();
+
+	(void)state;
+	for (size_t i = 0; i < sizeof(builds) / sizeof(builds[0]); i++) {
+		assert_string_not_equal(dvsm_cpu_name(builds[i].tier), "scalar");
+		if (present & builds[i].tier)
+			assert_true(present & builds[i].below);
+	}
 }
 
 static int find_tiers(void **state)
@@ -532,6 +560,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(the_mask_chooses_the_tier_and_scalar_is_always_there),
+		cmocka_unit_test(every_tier_comes_with_those_it_builds_on),
 		cmocka_unit_test(a_matrix_packed_in_runs_is_row_major_in_panels_and_zero_behind),
 		cmocka_unit_test(products_agree_for_every_shape_and_epilogue),
 		cmocka_unit_test(one_row_alone_gives_the_same_bits_as_in_a_tile),

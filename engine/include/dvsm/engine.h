@@ -14,21 +14,44 @@
 extern "C" {
 #endif
 
-/** Instruction-set tiers, ordered within an architecture; the mask says which may be used. */
+/** Instruction-set tiers; the mask says which may be used. A tier comes with those it builds on. */
 enum dvsm_cpu {
-	DVSM_CPU_SCALAR = 1u << 0, /* always present: the specification */
-	DVSM_CPU_SSE2 = 1u << 1,   /* every x86-64 */
-	DVSM_CPU_AVX2 = 1u << 2,   /* AVX2 and FMA */
-	DVSM_CPU_AVX512 = 1u << 3, /* AVX-512 F, BW, DQ, VL */
-	DVSM_CPU_NEON = 1u << 4,   /* every aarch64 */
+	DVSM_CPU_SCALAR = 1u << 0,       /* always present: the specification */
+	DVSM_CPU_SSE2 = 1u << 1,         /* every x86-64 */
+	DVSM_CPU_AVX2 = 1u << 2,         /* AVX2 and FMA */
+	DVSM_CPU_AVX512 = 1u << 3,       /* AVX-512 F, BW, DQ, VL */
+	DVSM_CPU_NEON = 1u << 4,         /* every aarch64 */
+	DVSM_CPU_VNNI = 1u << 5,         /* AVX-512 VNNI: products of bytes */
+	DVSM_CPU_AVX512_BF16 = 1u << 6,  /* AVX-512 BF16 */
+	DVSM_CPU_AMX_INT8 = 1u << 7,     /* AMX tiles of bytes, with AVX-512 VNNI */
+	DVSM_CPU_AMX_BF16 = 1u << 8,     /* AMX tiles of bfloat16, with AVX-512 BF16 */
+	DVSM_CPU_NEON_DOTPROD = 1u << 9, /* Armv8.2 dot products of bytes */
+	DVSM_CPU_NEON_I8MM = 1u << 10,   /* Armv8.6 matrix products of bytes */
+	DVSM_CPU_NEON_BF16 = 1u << 11,   /* Armv8.6 bfloat16 */
 	DVSM_CPU_ALL = 0xffffffffu,
 };
 
-/** Tiers that this CPU and operating system offer (CPUID and XCR0, or HWCAP). */
+/**
+ * Tiers that this CPU and operating system offer (CPUID and XCR0, or HWCAP). AMX also needs the
+ * system's permission, which this asks for: it then holds for the whole process.
+ */
 DVSM_API uint32_t dvsm_cpu_detect(void);
 
-/** Name of the best tier in a mask: "scalar", "sse2", "avx2", "avx512", "neon". */
+/**
+ * Name of the best tier in a mask: "scalar", "sse2", "avx2", "avx512", "vnni", "avx512bf16", "amx",
+ * "neon", "dotprod", "i8mm", "neonbf16".
+ */
 DVSM_API const char *dvsm_cpu_name(uint32_t mask);
+
+/** How the engine computes. A scene is rendered in the precision it was reconstructed in. */
+enum dvsm_precision {
+	DVSM_PRECISION_F32 = 0, /* float32 throughout */
+	DVSM_PRECISION_BF16,    /* bfloat16 products, float32 sums */
+	DVSM_PRECISION_FIXED,   /* integers alone: the same bits on every machine */
+};
+
+/** "f32", "bf16", "fixed". */
+DVSM_API const char *dvsm_precision_name(enum dvsm_precision precision);
 
 /**
  * Opaque. One engine runs one call at a time (thread-bound); several engines may share a model and
@@ -39,10 +62,11 @@ struct dvsm_engine;
 /** Opaque: KV-cache, context cameras, normalisation. Immutable; may be shared by engines. */
 struct dvsm_scene;
 
-/** Zero-initialised means: as many threads as the process may use, every tier. */
+/** Zero-initialised means: as many threads as the process may use, every tier, float32. */
 struct dvsm_engine_options {
 	uint32_t threads;  /* 0: all that sched_getaffinity allows; at most 256 */
 	uint32_t cpu_mask; /* 0: DVSM_CPU_ALL; tiers not present are ignored */
+	enum dvsm_precision precision;
 };
 
 /** Bytes planned before a run; what is planned is what is used. */
@@ -67,15 +91,18 @@ typedef bool dvsm_progress_fn(void *context, double done);
 /**
  * Create an engine with its thread pool. The model is borrowed and must outlive the engine.
  * Results do not depend on the number of threads.
+ *
+ * DVSM_UNSUPPORTED  this build does not have the precision
  */
 DVSM_API enum dvsm_status dvsm_engine_create(const struct dvsm_model *model,
 					     const struct dvsm_engine_options *options,
 					     struct dvsm_engine **engine, struct dvsm_error *error);
 DVSM_API void dvsm_engine_destroy(struct dvsm_engine *engine);
 
-/** The tier in use and the number of threads, for reports. */
+/** The tier in use, the number of threads and the precision, for reports. */
 DVSM_API const char *dvsm_engine_get_cpu(const struct dvsm_engine *engine);
 DVSM_API uint32_t dvsm_engine_get_threads(const struct dvsm_engine *engine);
+DVSM_API enum dvsm_precision dvsm_engine_get_precision(const struct dvsm_engine *engine);
 
 /**
  * Plan the memory of a job without allocating it.

@@ -12,6 +12,7 @@ struct values {
 	const char *text;
 	uint32_t count, patch, tier;
 	double real;
+	enum dvsm_precision precision;
 };
 
 static enum dio_options_result parse(struct values *values, int argc, const char **argv,
@@ -24,6 +25,8 @@ static enum dio_options_result parse(struct values *values, int argc, const char
 		{"real", DIO_OPTION_REAL, "X", "a real", &values->real, -1, 1, false},
 		{"patch", DIO_OPTION_PATCH, "P", "a patch", &values->patch, 0, 0, false},
 		{"tier", DIO_OPTION_TIER, "T", "a tier", &values->tier, 0, 0, false},
+		{"precision", DIO_OPTION_ARITHMETIC, "P", "arithmetic", &values->precision, 0, 0,
+		 false},
 	};
 	const struct dio_usage usage = {
 		.command = "try",
@@ -50,7 +53,8 @@ static void values_land_in_their_targets(void **state)
 
 	(void)state;
 	assert_int_equal(PARSE("in.json", "--text", "t", "--count=7", "--flag", "--real", "-0.5",
-			       "--patch", "auto", "--tier", "scalar", "more"),
+			       "--patch", "auto", "--tier", "scalar", "--precision", "fixed",
+			       "more"),
 			 DIO_OPTIONS_RUN);
 	assert_true(values.flag);
 	assert_string_equal(values.text, "t");
@@ -58,6 +62,7 @@ static void values_land_in_their_targets(void **state)
 	assert_float_equal(values.real, -0.5, 0);
 	assert_int_equal(values.patch, 0);
 	assert_int_equal(values.tier, DVSM_CPU_SCALAR);
+	assert_int_equal(values.precision, DVSM_PRECISION_FIXED);
 	assert_int_equal(count, 2);
 	assert_string_equal(arguments[0], "in.json");
 	assert_string_equal(arguments[1], "more");
@@ -94,6 +99,7 @@ static void wrong_values_are_refused(void **state)
 	assert_int_equal(PARSE("x", "--text", "t", "--patch", "257"), DIO_OPTIONS_WRONG);
 	assert_int_equal(PARSE("x", "--text", "t", "--patch", "0"), DIO_OPTIONS_WRONG);
 	assert_int_equal(PARSE("x", "--text", "t", "--tier", "sse9"), DIO_OPTIONS_WRONG);
+	assert_int_equal(PARSE("x", "--text", "t", "--precision", "f16"), DIO_OPTIONS_WRONG);
 	assert_int_equal(PARSE("x", "--text", ""), DIO_OPTIONS_WRONG);
 	assert_int_equal(PARSE("x", "--flag=1", "--text", "t"), DIO_OPTIONS_WRONG);
 	assert_int_equal(PARSE("x", "--nothing", "--text", "t"), DIO_OPTIONS_WRONG);

@@ -431,7 +431,8 @@ static void tiers_and_thread_counts_agree_on_sizes_that_fit_no_tile(void **state
 		if (!(dvsm_cpu_detect() & cpu))
 			continue;
 		for (uint32_t threads = 1; threads <= 4; threads++) {
-			const struct dvsm_engine_options options = {threads, cpu};
+			const struct dvsm_engine_options options = {.threads = threads,
+								    .cpu_mask = cpu};
 			struct dvsm_engine *engine;
 			struct dvsm_scene *scene;
 			float *picture;
@@ -459,6 +460,18 @@ static void tiers_and_thread_counts_agree_on_sizes_that_fit_no_tile(void **state
 	free(reference);
 }
 
+static void a_precision_that_this_build_lacks_is_refused(void **state)
+{
+	struct fixture *f = *state;
+	const struct dvsm_engine_options options = {.precision = (enum dvsm_precision)99};
+	struct dvsm_engine *engine = NULL;
+
+	assert_int_equal(dvsm_engine_create(f->model, &options, &engine, &f->error),
+			 DVSM_UNSUPPORTED);
+	assert_null(engine);
+	assert_non_null(strstr(f->error.text, "precision"));
+}
+
 int main(void)
 {
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
@@ -473,6 +486,7 @@ int main(void)
 		TEST(bad_targets_and_foreign_scenes_leave_the_picture_untouched),
 		TEST(views_of_different_sizes_may_come_in_any_order),
 		TEST(moving_turning_and_scaling_the_rig_changes_no_pixel),
+		TEST(a_precision_that_this_build_lacks_is_refused),
 		TEST(tiers_and_thread_counts_agree_on_sizes_that_fit_no_tile),
 	};
 
