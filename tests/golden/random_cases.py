@@ -1,6 +1,6 @@
 """Random models and scenes: `diorama render --raw` against the oracle beside this file.
 
-usage: random_cases.py DIORAMA [--cases N] [--seed S] [--keep DIR]
+usage: random_cases.py DIORAMA [--reference PROGRAM] [--cases N] [--seed S] [--keep DIR]
 
 A case is all drawn from its seed: sizes of the model, weights and their type, cameras, pictures,
 patch sides. Exit 0 when all agree, 1 when one does not, 77 when numpy or cv2 is missing.
@@ -24,6 +24,9 @@ import oracle
 
 # Largest absolute difference of a float32 implementation (MODEL.md, section 9).
 TOLERANCE = 1e-5
+
+# The same of tests/bench/reference64, which works in double as the oracle does.
+REFERENCE_TOLERANCE = 1e-12
 
 TIERS = ("scalar", "sse2", "avx2", "avx512", "neon")
 
@@ -98,7 +101,9 @@ class Case:
         pose = np.eye(4)
         pose[:3, :3] = cv2.Rodrigues(0.5 * random.standard_normal(3))[0]
         pose[:3, 3] = [100, -50, 7] + 3 * random.standard_normal(3)
-        rgb = random.integers(0, 256, (height, width, 3)) / 255 if has_picture else None
+        # The engine's pictures are floats.
+        rgb = (np.float32(random.integers(0, 256, (height, width, 3))) / np.float32(255)
+               if has_picture else None)
         return oracle.View(width=width, height=height,
                            fx=width * random.uniform(0.6, 1.5),
                            fy=width * random.uniform(0.6, 1.5),
@@ -135,14 +140,12 @@ class Case:
 
     # Comparing
 
-    def render(self, diorama, folder, target, *options):
-        """The bytes of frames.npy."""
-        out = os.path.join(folder, "out")
-        command = [diorama, "render", "--model", os.path.join(folder, "model.safetensors"),
-                   "--scene", os.path.join(folder, f"target{target}.json"), "--out", out, "--raw",
+    def run(self, folder, target, raw, *command):
+        """Run a renderer on one target; the bytes of the array that it leaves in `raw`."""
+        command = [*command, "--model", os.path.join(folder, "model.safetensors"),
+                   "--scene", os.path.join(folder, f"target{target}.json"),
                    "--patch-recon", str(self.patch_recon),
-                   "--patch-render", str(self.patch_render), *options]
-        raw = os.path.join(out, "frames.npy")
+                   "--patch-render", str(self.patch_render)]
         if os.path.exists(raw):
             os.remove(raw)
         run = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
@@ -151,18 +154,38 @@ class Case:
         with open(raw, "rb") as file:
             return file.read()
 
+    def render(self, diorama, folder, target, *options):
+        """The bytes of frames.npy."""
+        out = os.path.join(folder, "out")
+        return self.run(folder, target, os.path.join(out, "frames.npy"), diorama, "render",
+                        "--out", out, "--raw", *options)
+
+    def compare(self, what, raw, target, tolerance):
+        """Compare the array of one target; returns the largest difference."""
+        got = np.load(raw)
+        wanted = self.expected[target][np.newaxis]
+        if got.shape != wanted.shape:
+            raise Mismatch(f"{what}: shape {got.shape}, {wanted.shape} is expected")
+        difference = float(np.abs(got - wanted).max())
+        if not difference <= tolerance:  # this way round a NaN fails too
+            raise Mismatch(f"{what}: off by {difference:.2g}, {tolerance:g} is allowed")
+        return difference
+
     def check(self, diorama, folder, target, *options):
         """Render and compare one target; returns the largest difference."""
         self.render(diorama, folder, target, *options)
-        got = np.load(os.path.join(folder, "out", "frames.npy"))
-        wanted = self.expected[target][np.newaxis]
-        if got.shape != wanted.shape:
-            raise Mismatch(f"target {target}: shape {got.shape}, {wanted.shape} is expected")
-        difference = float(np.abs(got - wanted).max())
-        if not difference <= TOLERANCE:  # this way round a NaN fails too
-            raise Mismatch(f"{' '.join(['target', str(target), *options])}: off by "
-                           f"{difference:.2g}, {TOLERANCE:g} is allowed")
-        return difference
+        return self.compare(" ".join([f"target {target}", *options]),
+                            os.path.join(folder, "out", "frames.npy"), target, TOLERANCE)
+
+    def check_reference(self, reference, folder):
+        """The same of the reference in double; returns the largest difference of all targets."""
+        raw = os.path.join(folder, "reference.npy")
+        worst = 0.0
+        for target in range(len(self.targets)):
+            self.run(folder, target, raw, reference, "--out", raw)
+            worst = max(worst, self.compare(f"reference, target {target}", raw, target,
+                                            REFERENCE_TOLERANCE))
+        return worst
 
 
 def tensors_of(config):
@@ -243,6 +266,8 @@ def run_case(seed, arguments, folder, *further):
     try:
         worst = max(case.check(arguments.diorama, folder, i) for i in range(len(case.targets)))
         print(f"seed {seed}: off by {worst:.1e}")
+        if arguments.reference:
+            print(f"  the reference by {case.check_reference(arguments.reference, folder):.1e}")
         for check in further:
             check(case, arguments.diorama, folder)
     except Mismatch as mismatch:
@@ -255,6 +280,7 @@ def run_case(seed, arguments, folder, *further):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("diorama", help="the program under test")
+    parser.add_argument("--reference", help="tests/bench/reference64, compared as well")
     parser.add_argument("--cases", type=int, default=16)
     parser.add_argument("--seed", type=int, default=1, help="of the first case")
     parser.add_argument("--keep", metavar="DIR", help="leave the cases' files here")
