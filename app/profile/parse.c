@@ -120,7 +120,6 @@ static void begin_section(struct parser *parser, const char *text, size_t length
 	uint32_t before = dio_profile_report_line(parser->report, parser->section, NULL);
 	char list[256];
 
-	parser->section_is_usable = false;
 	if (before) {
 		dio_profile_report_fault(parser->report, parser->line,
 					 "[%s] stands in line %u already: join the two",
@@ -155,6 +154,7 @@ static bool check_line(struct parser *parser, const char *line, size_t length)
 	}
 	if (*line == '[') {
 		close = memchr(line, ']', length);
+		parser->section_is_usable = false;
 		if (close)
 			begin_section(parser, line + 1, (size_t)(close - line - 1));
 		else
