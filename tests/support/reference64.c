@@ -51,6 +51,12 @@ static void add(double *x, const double *y, size_t count)
 		x[i] += y[i];
 }
 
+static void widen(double *largest, const double *x, size_t count)
+{
+	for (size_t i = 0; i < count; i++)
+		*largest = fmax(*largest, fabs(x[i]));
+}
+
 static double mean_square(const double *x, size_t dim, double mean)
 {
 	double sum = 0;
@@ -146,7 +152,7 @@ static void free_heads(struct heads *heads)
 
 /* One head: out[tokens], rows D apart, from queries[tokens][D/heads] and its keys and values. */
 static void attend(const double *queries, size_t tokens, const double *keys, const double *values,
-		   size_t count, size_t head_dim, double *out, size_t dim)
+		   size_t count, size_t head_dim, double *out, size_t dim, double *largest_score)
 {
 	double *keys_t = allocate(head_dim, count), *scores = allocate(1, count);
 
@@ -158,6 +164,7 @@ static void attend(const double *queries, size_t tokens, const double *keys, con
 		multiply_row(queries + i * head_dim, keys_t, head_dim, count, scores);
 		for (size_t j = 0; j < count; j++)
 			scores[j] /= sqrt((double)head_dim);
+		widen(largest_score, scores, count);
 		softmax(scores, count);
 		multiply_row(scores, values, count, head_dim, out + i * dim);
 	}
@@ -179,7 +186,7 @@ static void attend_and_mix(const struct support_reference *reference,
 		attend(queries + head * tokens * head_dim, tokens,
 		       heads->keys + head * heads->tokens * head_dim,
 		       heads->values + head * heads->tokens * head_dim, heads->tokens, head_dim,
-		       mixed + head * head_dim, dim);
+		       mixed + head * head_dim, dim, &reference->range->score);
 	y = linear(&half->out, mixed, tokens);
 	add(x, y, tokens * dim);
 	free(y);
@@ -193,6 +200,7 @@ static void attend_and_mix(const struct support_reference *reference,
 		hidden[i] = gelu(hidden[i]);
 	y = linear(&half->down, hidden, tokens);
 	add(x, y, tokens * dim);
+	widen(&reference->range->residual, x, tokens * dim);
 	free(y);
 	free(hidden);
 }

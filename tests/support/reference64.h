@@ -9,7 +9,7 @@
 #include "dvsm/camera.h"
 #include "dvsm/model.h"
 
-/** Opaque; immutable once open. */
+/** Opaque, thread-bound. */
 struct support_reference;
 
 /** Read a model file; NULL with a printed line. Release with support_reference_close(). */
@@ -22,6 +22,14 @@ void support_reference_close(struct support_reference *reference);
 
 const struct dvsm_model_config *
 support_reference_get_config(const struct support_reference *reference);
+
+/** Largest magnitudes met in all runs since the model was opened. */
+struct support_reference_range {
+	double residual; /* of the residual stream */
+	double score;    /* of an attention score, before softmax */
+};
+const struct support_reference_range *
+support_reference_get_range(const struct support_reference *reference);
 
 /** Opaque: the KV-cache in double, and the rig's frame. */
 struct support_reference_scene;

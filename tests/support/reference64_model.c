@@ -199,6 +199,7 @@ static struct support_reference *read_weights(struct file *file)
 		transposed(file, tensor(file, 3 * area * dim, "to_rgb.weight"), 3 * area, dim);
 	made->embed_norm = tensor(file, dim, "embed_norm.weight");
 	made->final_norm = tensor(file, dim, "final_norm.weight");
+	made->range = support_reference_allocate(1, sizeof(*made->range));
 	made->blocks = support_reference_allocate(config->layers, sizeof(made->blocks[0]));
 	for (uint32_t i = 0; i < config->layers; i++) {
 		made->blocks[i][REFERENCE_INTRA] = read_half(file, config, i, "intra");
@@ -277,6 +278,7 @@ void support_reference_close(struct support_reference *reference)
 	free(reference->to_rgb.numbers);
 	free(reference->embed_norm);
 	free(reference->final_norm);
+	free(reference->range);
 	free(reference);
 }
 
@@ -284,4 +286,10 @@ const struct dvsm_model_config *
 support_reference_get_config(const struct support_reference *reference)
 {
 	return &reference->config;
+}
+
+const struct support_reference_range *
+support_reference_get_range(const struct support_reference *reference)
+{
+	return reference->range;
 }

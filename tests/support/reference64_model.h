@@ -24,6 +24,7 @@ struct support_reference {
 	struct reference_matrix patch_ray, patch_rgb, to_rgb;
 	double *embed_norm, *final_norm;
 	struct reference_half (*blocks)[2]; /* [layers][intra, cross] */
+	struct support_reference_range *range;
 };
 
 #endif

@@ -82,6 +82,7 @@ struct dvsm_stats {
 	uint32_t tokens; /* tokens of the picture(s) processed */
 	uint64_t keys;   /* cross-view keys per head and layer */
 	uint64_t time_ns;
+	uint64_t saturated; /* numbers that integers could not hold and that were clamped; fixed */
 	struct dvsm_memory memory;
 };
 
