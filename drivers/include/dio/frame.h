@@ -20,6 +20,23 @@ enum dio_pixel_format {
 	DIO_PIXEL_MJPEG, /* one JPEG picture of size_bytes */
 };
 
+/** What of a camera is held still, in dio_frame_metadata.locked. */
+enum dio_camera_lock {
+	DIO_LOCK_EXPOSURE = 1,
+	DIO_LOCK_GAIN = 2,
+	DIO_LOCK_WHITE_BALANCE = 4,
+	DIO_LOCK_FOCUS = 8,
+};
+
+/** How the camera took a frame, as far as it says; 0 where it does not. */
+struct dio_frame_metadata {
+	uint32_t exposure_us;
+	float gain;                /* the device's unit; libcamera: times */
+	uint32_t white_balance_k;  /* colour temperature */
+	float red_gain, blue_gain; /* relative to green */
+	uint32_t locked;           /* enum dio_camera_lock bits that the driver confirmed */
+};
+
 /**
  * One frame. Who made it owns `data`; a driver's frame is valid until the next call that takes one.
  *
@@ -35,6 +52,7 @@ struct dio_frame {
 	uint64_t sequence;
 	const uint8_t *data;
 	size_t size_bytes;
+	struct dio_frame_metadata metadata;
 };
 
 /** A picture in memory of its own: RGB, 8 bits, rows without padding. */
