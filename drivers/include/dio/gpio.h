@@ -35,8 +35,7 @@ enum dio_status dio_gpio_line_parse(const char *text, struct dio_gpio_line *line
 /**
  * Is the line there? Nothing is requested or changed.
  *
- * DIO_NOT_FOUND  no such chip, name or offset; DIO_IO  a chip may not be opened;
- * DIO_UNSUPPORTED  this build has no libgpiod
+ * DIO_NOT_FOUND  no such chip, name or offset; DIO_IO  a chip may not be opened
  */
 enum dio_status dio_gpio_line_check(const struct dio_gpio_line *line, struct dio_error *error);
 
@@ -60,7 +59,7 @@ struct dio_button_options {
 	uint32_t debounce_us; /* 0: none */
 	uint32_t key;         /* code of linux/input-event-codes.h that does the same; 0: none */
 	uint32_t long_ms;     /* held so long is a long press, told while held; 0: never */
-	uint32_t double_ms;   /* two presses, at most this long between them; 0: never */
+	uint32_t double_ms;   /* two presses, less than this between them; 0: never */
 };
 
 struct dio_buttons_options {
@@ -91,9 +90,8 @@ struct dio_buttons;
 /**
  * Take the lines as inputs. No buttons at all, or buttons without lines, is fine.
  *
- * DIO_NOT_FOUND, DIO_BUSY (the text says who holds the line), DIO_BAD_ARG (bias or debounce the
- * chip cannot do is no error: debounce is then ours), DIO_UNSUPPORTED (lines are named and the
- * build has no libgpiod)
+ * DIO_NOT_FOUND, DIO_BUSY (the text says who holds the line), DIO_BAD_ARG, DIO_UNSUPPORTED (the
+ * line reports no edges)
  */
 enum dio_status dio_buttons_open(const struct dio_buttons_options *options,
 				 struct dio_buttons **buttons, struct dio_error *error);
