@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "window_key.h"
+
 struct dio_window {
 	SDL_Window *window;
 	SDL_Renderer *renderer;
@@ -202,6 +204,14 @@ static void take_key(struct dio_window *window, SDL_Keycode key, bool down,
 	}
 }
 
+static void list_key(SDL_Scancode scancode, bool down, struct dio_window_input *input)
+{
+	const struct dio_window_key key = {.key = dio_window_key(scancode), .pressed = down};
+
+	if (key.key && input->key_count < DIO_WINDOW_KEYS_MAX)
+		input->keys[input->key_count++] = key;
+}
+
 static void take_motion(const struct dio_window *window, const SDL_MouseMotionEvent *motion,
 			struct dio_window_input *input)
 {
@@ -229,11 +239,14 @@ static void take_event(struct dio_window *window, const SDL_Event *event,
 		break;
 	case SDL_KEYDOWN:
 		/* Repeats are the held key once more; it is counted as held anyway. */
-		if (!event->key.repeat)
-			take_key(window, event->key.keysym.sym, true, input);
+		if (event->key.repeat)
+			break;
+		take_key(window, event->key.keysym.sym, true, input);
+		list_key(event->key.keysym.scancode, true, input);
 		break;
 	case SDL_KEYUP:
 		take_key(window, event->key.keysym.sym, false, input);
+		list_key(event->key.keysym.scancode, false, input);
 		break;
 	case SDL_MOUSEMOTION:
 		take_motion(window, &event->motion, input);

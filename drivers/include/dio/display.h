@@ -77,6 +77,14 @@ struct dio_display;
 enum dio_status dio_display_open(const char *spec, const struct dio_display_options *options,
 				 struct dio_display **display, struct dio_error *error);
 
+/**
+ * Are the words right and, with `look`, is the device there? Nothing is opened or changed.
+ *
+ * DIO_BAD_ARG, DIO_NOT_FOUND
+ */
+enum dio_status dio_display_check(const char *spec, const struct dio_display_options *options,
+				  bool look, struct dio_error *error);
+
 /** Puts back what was on the screen before; finishes a file. NULL is fine. */
 enum dio_status dio_display_close(struct dio_display *display, struct dio_error *error);
 

@@ -14,6 +14,14 @@ extern "C" {
 
 struct dio_window;
 
+#define DIO_WINDOW_KEYS_MAX 16
+
+/** A key that went down or up; code of linux/input-event-codes.h. */
+struct dio_window_key {
+	uint32_t key;
+	bool pressed;
+};
+
 /** One step of input since the last call. */
 struct dio_window_input {
 	bool quit;            /* closed, Escape or q */
@@ -24,6 +32,8 @@ struct dio_window_input {
 	float wheel;          /* notches, + towards the viewer */
 	float key_x, key_y;   /* arrow keys, held or touched: -1, 0, 1; right and up are + */
 	float key_zoom;       /* + and - keys */
+	uint32_t key_count;   /* keys that moved, in order; more than fit are dropped */
+	struct dio_window_key keys[DIO_WINDOW_KEYS_MAX];
 };
 
 /** DIO_UNSUPPORTED: no display is present, or the build has no SDL2. */
