@@ -12,7 +12,7 @@ static const struct {
 	int (*run)(int argc, char **argv);
 	const char *summary;
 } COMMANDS[] = {
-	{"board", dio_command_board, "draw a calibration board for the printer"},
+	{"board", dio_command_board, "draw a calibration board for the printer; check a profile"},
 	{"capture", dio_command_capture, "record what a camera sees"},
 	{"calibrate", dio_command_calibrate, "find a camera's intrinsics from pictures of a board"},
 	{"poses", dio_command_poses, "pose pictures from a board in view; write scene.json"},
