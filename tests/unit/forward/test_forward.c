@@ -10,8 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "allocations.h"
 #include "model/model.h"
+#include "support/allocations.h"
 #include "support/random_model.h"
 
 #define VIEWS 3u

@@ -1,6 +1,6 @@
 /* How many allocations the program made and how many blocks are alive (linker option --wrap). */
-#ifndef TESTS_UNIT_FORWARD_ALLOCATIONS_H
-#define TESTS_UNIT_FORWARD_ALLOCATIONS_H
+#ifndef TESTS_SUPPORT_ALLOCATIONS_H
+#define TESTS_SUPPORT_ALLOCATIONS_H
 
 #include <stddef.h>
 
