@@ -102,6 +102,39 @@ static float half_to_float(uint16_t half)
 	return float_of(sign | (exponent + 112) << 23 | fraction << 13);
 }
 
+/* Without their sign, the images of finite numbers are in the order of their magnitudes. */
+static uint32_t largest_f32(const unsigned char *from, size_t count)
+{
+	uint32_t largest = 0;
+	for (size_t i = 0; i < count; i++) {
+		uint32_t image;
+		memcpy(&image, from + 4 * i, sizeof(image));
+		image &= 0x7fffffff;
+		largest = image > largest ? image : largest;
+	}
+	return largest;
+}
+
+static uint16_t largest_16_bits(const unsigned char *from, size_t count)
+{
+	uint16_t largest = 0;
+	for (size_t i = 0; i < count; i++) {
+		uint16_t image;
+		memcpy(&image, from + 2 * i, sizeof(image));
+		image &= 0x7fff;
+		largest = image > largest ? image : largest;
+	}
+	return largest;
+}
+
+float dvsm_dtype_find_largest(enum dvsm_dtype dtype, const void *numbers, size_t count)
+{
+	if (dtype == DVSM_DTYPE_F32)
+		return float_of(largest_f32(numbers, count));
+	uint16_t image = largest_16_bits(numbers, count);
+	return dtype == DVSM_DTYPE_F16 ? half_to_float(image) : float_of((uint32_t)image << 16);
+}
+
 void dvsm_dtype_expand(enum dvsm_dtype dtype, const void *numbers, size_t count, float *out)
 {
 	if (dtype == DVSM_DTYPE_F32) {

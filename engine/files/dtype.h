@@ -35,6 +35,9 @@ bool dvsm_dtype_is_weight(enum dvsm_dtype dtype);
 /** Index of the first NaN or infinity among `count` numbers, `count` when there is none. */
 size_t dvsm_dtype_find_non_finite(enum dvsm_dtype dtype, const void *numbers, size_t count);
 
+/** Largest magnitude among `count` finite numbers of F32, F16 or BF16; 0 when there are none. */
+float dvsm_dtype_find_largest(enum dvsm_dtype dtype, const void *numbers, size_t count);
+
 /** F32, F16 or BF16 to float. */
 void dvsm_dtype_expand(enum dvsm_dtype dtype, const void *numbers, size_t count, float *out);
 

@@ -36,6 +36,7 @@ struct dvsm_tensor {
 	uint64_t shape[DVSM_TENSOR_MAX_RANK];
 	size_t count;      /* numbers in it */
 	size_t begin, end; /* bytes from the end of the header */
+	float largest;     /* magnitude among its numbers, known after load; F32, F16 and BF16 */
 	/*
 	 * Where load puts the numbers, or NULL to check them only: float for F32, F16 and BF16, the
 	 * bytes as they are for every other type.

@@ -65,7 +65,7 @@ static void place_expanded(const struct dvsm_tensor *tensor, size_t first, size_
 }
 
 /* Check and place `count` numbers that begin at number `first` of the tensor. */
-static enum dvsm_status place(const struct dvsm_safetensors *file, const struct dvsm_tensor *tensor,
+static enum dvsm_status place(const struct dvsm_safetensors *file, struct dvsm_tensor *tensor,
 			      size_t first, size_t count, const void *numbers,
 			      struct dvsm_error *error)
 {
@@ -74,6 +74,10 @@ static enum dvsm_status place(const struct dvsm_safetensors *file, const struct 
 		return dvsm_fail(error, DVSM_BAD_FILE,
 				 "%s: tensor %.120s: number %zu is not finite",
 				 dvsm_name_tail(file->source.name), tensor->name, first + bad);
+	if (dvsm_dtype_is_weight(tensor->dtype)) {
+		float largest = dvsm_dtype_find_largest(tensor->dtype, numbers, count);
+		tensor->largest = largest > tensor->largest ? largest : tensor->largest;
+	}
 	if (!tensor->destination)
 		return DVSM_OK;
 
@@ -89,7 +93,7 @@ static enum dvsm_status place(const struct dvsm_safetensors *file, const struct 
 	return DVSM_OK;
 }
 
-static enum dvsm_status load_tensor(struct dvsm_safetensors *file, const struct dvsm_tensor *tensor,
+static enum dvsm_status load_tensor(struct dvsm_safetensors *file, struct dvsm_tensor *tensor,
 				    void *chunk, struct dvsm_sha256 *data_hash, bool hash_file,
 				    struct dvsm_error *error)
 {

@@ -8,6 +8,7 @@
 #include "base/memory.h"
 #include "files/safetensors.h"
 #include "model/config.h"
+#include "model/range.h"
 
 /*
  * The walk over all tensors of a model. It runs twice over the same code: first without memory, to
@@ -240,6 +241,8 @@ static enum dvsm_status read_model(struct dvsm_safetensors *file, struct dvsm_mo
 		status = place_weights(file, model, error);
 	if (status == DVSM_OK)
 		status = dvsm_safetensors_load(file, NULL, model->sha256, error);
+	if (status == DVSM_OK)
+		status = dvsm_range_check(file, &model->config, error);
 	return status;
 }
 

@@ -1,8 +1,5 @@
 /* Weights, pictures, poses and rigs that no one trains or photographs, against the reference. */
 #include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "stress/world.h"
 
@@ -357,8 +354,81 @@ static void state_range(const struct stress_job *job, const struct stress_world 
 	stress_report_add(job->report, &figure);
 }
 
+/* ---- weights towards the end of float's range ---- */
+
+struct ladder {
+	const char *name;
+	stress_twist_fn *twist;
+};
+
+static const struct ladder ladders[] = {
+	{"matrices, to 1e36", stress_twist_matrices},
+	{"norms, to 1e36", stress_twist_norms},
+	{"outlier channels, to 1e36", stress_twist_outlier_channels},
+	{"outlier values, to 1e36", stress_twist_outlier_values},
+	{"scores, to 1e36", stress_twist_scores},
+};
+
+/* Numbers of a world's picture that are not finite, over all tiers; all when it is refused. */
+static size_t count_not_finite(const struct stress_job *job, const struct stress_world *world,
+			       enum dvsm_precision precision)
+{
+	uint32_t masks[STRESS_TIERS];
+	size_t tiers = stress_tiers(precision, masks), count = 0;
+
+	for (size_t t = 0; t < tiers; t++) {
+		const struct stress_way way = {precision, masks[t], job->threads};
+		struct stress_outcome outcome = stress_world_run(world, &way);
+
+		for (size_t i = 0; i < world->numbers; i++)
+			count += !outcome.picture || !isfinite(outcome.picture[i]);
+		stress_outcome_deinit(&outcome);
+	}
+	return count;
+}
+
+/* Weights ever larger, by powers of ten: a model that opens renders finite numbers. */
+static void climb(const struct stress_job *job, const struct ladder *ladder,
+		  enum dvsm_precision precision)
+{
+	struct stress_recipe recipe = stress_recipe_base;
+	struct stress_figure figure = {
+		.group = "extremes",
+		.name = ladder->name,
+		.precision = dvsm_precision_name(precision),
+		.what = "numbers not finite",
+		.judgement = STRESS_AT_MOST,
+	};
+	double highest = 0;
+
+	recipe.name = ladder->name;
+	recipe.twist = ladder->twist;
+	for (double power = 0; power <= 36; power += job->quick ? 4 : 1) {
+		recipe.twist_amount = pow(10, power);
+
+		struct dvsm_error error;
+		struct stress_world *world = stress_world_try(&recipe, &error);
+
+		if (!world)
+			continue;
+		highest = power;
+		figure.value += (double)count_not_finite(job, world, precision);
+		stress_world_free(world);
+	}
+	stress_report_add(job->report, &figure);
+	figure.what = "power of ten that still opens";
+	figure.judgement = STRESS_STATED;
+	figure.value = highest;
+	stress_report_add(job->report, &figure);
+}
+
 void stress_extremes(const struct stress_job *job)
 {
+	for (size_t i = 0; i < COUNT(ladders); i++) {
+		for (size_t p = 0; p < job->precision_count; p++)
+			climb(job, &ladders[i], job->precisions[p]);
+	}
+
 	for (size_t i = 0; i < COUNT(extremes); i++) {
 		struct stress_recipe recipe = recipe_of(&extremes[i]);
 		struct stress_world *world = stress_world_make(&recipe);

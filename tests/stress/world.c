@@ -33,12 +33,12 @@ static void give_up(const char *name, const char *fault)
 	exit(1);
 }
 
-static void make_model(struct stress_world *world)
+/* False when the engine refuses the weights. */
+static bool make_model(struct stress_world *world, struct dvsm_error *error)
 {
 	const struct stress_recipe *recipe = &world->recipe;
 	const char *name = recipe->model_path ? recipe->model_path : recipe->name;
 	struct support_random random = {WEIGHTS_SEED};
-	struct dvsm_error error = {""};
 	size_t size;
 	unsigned char *bytes = recipe->model_path
 				       ? support_read_file(recipe->model_path, &size)
@@ -49,12 +49,13 @@ static void make_model(struct stress_world *world)
 	if (recipe->twist)
 		stress_twist_file(bytes, size, &recipe->config, recipe->twist,
 				  recipe->twist_amount);
-	if (dvsm_model_open_bytes(bytes, size, name, &world->model, &error) != DVSM_OK)
-		give_up(name, error.text);
-	world->reference = support_reference_open_bytes(bytes, size, name);
-	if (!world->reference)
-		exit(1);
+	if (dvsm_model_open_bytes(bytes, size, name, &world->model, error) == DVSM_OK) {
+		world->reference = support_reference_open_bytes(bytes, size, name);
+		if (!world->reference)
+			exit(1);
+	}
 	free(bytes);
+	return world->model;
 }
 
 /* Waves of a few periods, other ones in each channel and view. */
@@ -141,16 +142,29 @@ static void place_rig(struct stress_world *world)
 		recipe->rig(world->views, recipe->views, &world->target, recipe->rig_amount);
 }
 
-struct stress_world *stress_world_make(const struct stress_recipe *recipe)
+struct stress_world *stress_world_try(const struct stress_recipe *recipe, struct dvsm_error *error)
 {
 	struct stress_world *world = support_reference_allocate(1, sizeof(*world));
 
 	world->recipe = *recipe;
-	make_model(world);
+	if (!make_model(world, error)) {
+		stress_world_free(world);
+		return NULL;
+	}
 	world->recipe.config = *dvsm_model_get_config(world->model);
 	place_rig(world);
 	paint(world);
 	world->numbers = (size_t)world->target.width * world->target.height * 3;
+	return world;
+}
+
+struct stress_world *stress_world_make(const struct stress_recipe *recipe)
+{
+	struct dvsm_error error = {""};
+	struct stress_world *world = stress_world_try(recipe, &error);
+
+	if (!world)
+		give_up(recipe->name, error.text);
 	return world;
 }
 

@@ -56,6 +56,9 @@ struct stress_world {
 
 /** Exits with a line when it cannot be made. Release with stress_world_free(). */
 struct stress_world *stress_world_make(const struct stress_recipe *recipe);
+
+/** The same, but NULL and the reason when the engine refuses the weights. */
+struct stress_world *stress_world_try(const struct stress_recipe *recipe, struct dvsm_error *error);
 void stress_world_free(struct stress_world *world);
 
 /** The target as the reference renders it, made on the first call; owned by the world. */

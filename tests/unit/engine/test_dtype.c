@@ -55,6 +55,20 @@ static void the_first_non_finite_number_is_found(void **state)
 	assert_int_equal(dvsm_dtype_find_non_finite(DVSM_DTYPE_I32, floats, 5), 5);
 }
 
+static void the_largest_magnitude_is_found_in_every_weight_type(void **state)
+{
+	(void)state;
+	const float floats[] = {1, -3e38f, 1e-45f, 0, 2};
+	const uint16_t halves[] = {0x3c00, 0xfbff, 0x0001, 0x7800}; /* 1, -65504, 2^-24, 32768 */
+	const uint16_t bfloats[] = {0x3f80, 0x0001, 0xc000};        /* 1, 2^-133, -2 */
+	assert_true(dvsm_dtype_find_largest(DVSM_DTYPE_F32, floats, 5) == 3e38f);
+	assert_true(dvsm_dtype_find_largest(DVSM_DTYPE_F32, floats + 2, 2) == 1e-45f);
+	assert_true(dvsm_dtype_find_largest(DVSM_DTYPE_F16, halves, 4) == 65504);
+	assert_true(dvsm_dtype_find_largest(DVSM_DTYPE_F16, halves + 2, 1) == 0x1p-24f);
+	assert_true(dvsm_dtype_find_largest(DVSM_DTYPE_BF16, bfloats, 3) == 2);
+	assert_true(dvsm_dtype_find_largest(DVSM_DTYPE_F32, floats, 0) == 0);
+}
+
 static void names_and_types_match_both_ways(void **state)
 {
 	(void)state;
@@ -74,6 +88,7 @@ int main(void)
 		cmocka_unit_test(every_half_becomes_the_float_it_stands_for),
 		cmocka_unit_test(every_bfloat_becomes_the_float_with_its_bits_on_top),
 		cmocka_unit_test(the_first_non_finite_number_is_found),
+		cmocka_unit_test(the_largest_magnitude_is_found_in_every_weight_type),
 		cmocka_unit_test(names_and_types_match_both_ways),
 	};
 	return cmocka_run_group_tests(tests, NULL, NULL);

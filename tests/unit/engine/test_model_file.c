@@ -228,6 +228,55 @@ static void a_non_finite_number_is_refused_in_every_type_and_tensor(void **state
 	}
 }
 
+/* Set one number of a tensor. */
+static void set_number(struct fixture_file *file, const char *tensor, float value)
+{
+	memcpy(file->data + fixture_find(file, tensor)->begin + 4, &value, sizeof(value));
+}
+
+static void weights_that_could_overflow_float_are_refused_by_name(void **state)
+{
+	static const char *const named[] = {
+		"patch_ray.weight",
+		"patch_rgb.weight",
+		"embed_norm.weight",
+		"blocks.0.intra.qkv.weight",
+		"blocks.0.intra.out.weight",
+		"blocks.0.intra.q_norm.weight",
+		"blocks.0.cross.k_norm.weight",
+		"blocks.0.cross_mlp.up.weight",
+		"blocks.0.cross_mlp.down.weight",
+		"to_rgb.weight",
+	};
+	(void)state;
+	for (size_t i = 0; i < sizeof(named) / sizeof(named[0]); i++) {
+		struct fixture_file file;
+		fixture_init_model(&file, "F32");
+		set_number(&file, named[i], -1e30f);
+		assert_model_refused(&file, DVSM_BAD_FILE, named[i], "range of float32");
+		fixture_deinit(&file);
+	}
+}
+
+static void weights_far_above_any_trained_ones_still_open(void **state)
+{
+	(void)state;
+	struct fixture_file file;
+	fixture_init_model(&file, "F32");
+	set_number(&file, "blocks.0.intra.out.weight", 1e6f);
+	set_number(&file, "blocks.0.intra_norm.weight", -1e4f);
+	set_number(&file, "blocks.0.cross.k_norm.weight", 1e6f);
+	size_t size;
+	unsigned char *bytes = fixture_emit(&file, &size);
+	struct dvsm_model *model = NULL;
+	struct dvsm_error error = {""};
+	if (fixture_open_model(bytes, size, &model, &error) != DVSM_OK)
+		fail_msg("%s", error.text);
+	free(bytes);
+	dvsm_model_close(model);
+	fixture_deinit(&file);
+}
+
 static void a_missing_tensor_is_named_whichever_it_is(void **state)
 {
 	(void)state;
@@ -473,6 +522,8 @@ int main(void)
 		cmocka_unit_test(bytes_after_the_last_tensor_are_refused),
 		cmocka_unit_test(any_flipped_bit_of_the_header_is_survived),
 		cmocka_unit_test(a_non_finite_number_is_refused_in_every_type_and_tensor),
+		cmocka_unit_test(weights_that_could_overflow_float_are_refused_by_name),
+		cmocka_unit_test(weights_far_above_any_trained_ones_still_open),
 		cmocka_unit_test(a_missing_tensor_is_named_whichever_it_is),
 		cmocka_unit_test(a_wrong_shape_is_refused_and_both_are_told),
 		cmocka_unit_test(a_wrong_type_is_refused),
