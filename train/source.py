@@ -5,6 +5,8 @@ import os
 import numpy as np
 import torch
 
+import photos as photo_files
+
 REPOSITORY = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 DEFAULT_LIBRARY = os.path.join(REPOSITORY, "build", "release", "lib", "libdio_sim.so")
 
@@ -17,6 +19,16 @@ class Generator:
         self.call = library.dio_sim_batch
         self.call.restype = ctypes.c_int
         self.call.argtypes = [ctypes.c_uint64] + 5 * [ctypes.c_uint32] + 3 * [ctypes.c_void_p]
+        self.set_photos = library.dio_sim_photos_set
+        self.set_photos.restype = ctypes.c_int
+        self.set_photos.argtypes = [ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32]
+
+    def show_photos(self, pictures):
+        """Print these on surfaces from now on: [N, side, side, 3] bytes, side a power of two."""
+        pictures = np.ascontiguousarray(pictures, np.uint8)
+        if self.set_photos(pictures.ctypes.data, pictures.shape[1], len(pictures)) != 0:
+            raise MemoryError(f"dio_sim_photos_set: {pictures.shape}: no memory or a side that is "
+                              "not a power of two")
 
     def batch(self, seed, scenes, views, size, options=0):
         """Pictures [B, V, h, w, 3] bytes, poses [B, V, 4, 4], intrinsics [B, V, 4]."""
@@ -32,9 +44,13 @@ class Generator:
         return torch.from_numpy(pictures), torch.from_numpy(poses), torch.from_numpy(intrinsics)
 
 
-def open_library(path=None):
+def open_library(path=None, photos=None):
+    """The generator; `photos` is a folder of photographs to print on things, or None."""
     path = path or DEFAULT_LIBRARY
     if not os.path.exists(path):
         raise SystemExit(f"train: {path} is not there; build it with: cmake --preset release && "
                          "cmake --build --preset release --target dio_sim_shared")
-    return Generator(path)
+    generator = Generator(path)
+    if photos:
+        generator.show_photos(photo_files.load(photos))
+    return generator

@@ -33,6 +33,7 @@ def arguments():
     add("--recipe", required=True, help="JSON: model, optimiser, schedule, stages")
     add("--out", required=True, help="folder of the run")
     add("--library", default=None, help="libdio_sim.so (default: build/release/lib)")
+    add("--photos", help="folder of photographs to print on things; `train/start photos` fetches some")
     add("--init", help="model file to start from when the run has no checkpoint")
     add("--minutes", type=float, default=1e9, help="stop after this many minutes of this launch")
     add("--steps", type=int, default=1 << 40, help="stop at this step")
@@ -325,7 +326,7 @@ def main():
         dvsm.compile_blocks()
     place = Place()
     run = Run(args, recipe, place)
-    loop(args, recipe, place, run, source.open_library(args.library))
+    loop(args, recipe, place, run, source.open_library(args.library, args.photos))
     if place.ranks > 1:
         dist.destroy_process_group()
     return 0

@@ -56,9 +56,16 @@ static struct dio_sim_scene *draw_scene(struct rng *r, uint64_t seed, uint32_t o
 	return dio_sim_scene_create(&o);
 }
 
-/* What stays the same over a capture. */
-static struct dio_sim_sensor draw_sensor(struct rng *r)
+/* What stays the same over a capture, and how much the camera's automatics change meanwhile. */
+struct capture {
+	struct dio_sim_sensor sensor;
+	float exposure_drift, balance_drift;
+	float blur_share; /* of the pictures that a moving hand blurs */
+};
+
+static struct capture draw_capture(struct rng *r)
 {
+	struct capture capture;
 	struct dio_sim_sensor s;
 
 	memset(&s, 0, sizeof(s));
@@ -73,6 +80,26 @@ static struct dio_sim_sensor draw_sensor(struct rng *r)
 		s.blur_px = rng_in(r, 0.3f, 0.9f);
 	if (rng_chance(r, 0.25f))
 		s.vignetting = rng_in(r, 0, 0.35f);
+	if (rng_chance(r, 0.3f))
+		s.jpeg_quality = rng_in(r, 55, 95);
+	capture.sensor = s;
+	capture.exposure_drift = rng_chance(r, 0.25f) ? rng_in(r, 0.03f, 0.2f) : 0;
+	capture.balance_drift = rng_chance(r, 0.15f) ? rng_in(r, 0.01f, 0.04f) : 0;
+	capture.blur_share = rng_chance(r, 0.15f) ? 0.25f : 0;
+	return capture;
+}
+
+/* The sensor of one picture. */
+static struct dio_sim_sensor draw_sensor(const struct capture *c, struct rng *r, uint32_t view)
+{
+	struct dio_sim_sensor s = c->sensor;
+
+	s.noise_seed = ((uint64_t)rng_u32(r) << 32) + view;
+	s.exposure_stops += c->exposure_drift * rng_in(r, -1, 1);
+	s.white_balance[0] *= 1 + c->balance_drift * rng_in(r, -1, 1);
+	s.white_balance[2] *= 1 + c->balance_drift * rng_in(r, -1, 1);
+	if (rng_chance(r, c->blur_share))
+		s.blur_px += rng_in(r, 0.3f, 0.8f);
 	return s;
 }
 
@@ -83,8 +110,8 @@ static bool render_scene(uint64_t seed, uint32_t views, uint32_t width, uint32_t
 	struct rng r = rng_seeded(seed ^ 0x5ca1ab1e5eedull);
 	struct dio_sim_scene *scene = draw_scene(&r, seed, options);
 	size_t values = (size_t)width * height * 3;
-	bool clean = options & DIO_SIM_BATCH_CLEAN, drifts = rng_chance(&r, 0.2f), ok = true;
-	struct dio_sim_sensor sensor = draw_sensor(&r);
+	bool clean = options & DIO_SIM_BATCH_CLEAN, ok = true;
+	struct capture capture = draw_capture(&r);
 	uint32_t order[MAX_VIEWS];
 	struct rig rig;
 
@@ -99,21 +126,21 @@ static bool render_scene(uint64_t seed, uint32_t views, uint32_t width, uint32_t
 	}
 	for (uint32_t v = 0; v < views && ok; v++) {
 		float along = ((float)order[v] + rng_unit(&r)) / (float)views;
-		struct dio_sim_sensor mine = sensor;
+		struct dio_sim_sensor mine;
 		struct dio_sim_camera camera;
 
 		sim_rig_camera(scene, &rig, &r, along, width, height, &camera);
-		mine.noise_seed = ((uint64_t)rng_u32(&r) << 32) + v;
-		if (drifts)
-			mine.exposure_stops += rng_in(&r, -0.12f, 0.12f);
+		mine = draw_sensor(&capture, &r, v);
 		if (clean)
 			memset(&mine, 0, sizeof(mine));
 		if (floats) {
 			float *out = floats + v * values;
 
 			ok = dio_sim_render_float(scene, &camera, &mine, SAMPLES, out);
-			if (ok)
+			if (ok) {
 				sim_sensor_add_noise(&mine, values, out);
+				sim_sensor_compress(&mine, &camera, out);
+			}
 		} else {
 			ok = dio_sim_render(scene, &camera, &mine, SAMPLES, bytes + v * values);
 		}

@@ -100,6 +100,11 @@ bool sim_thing_begin(struct builder *b, struct dio_sim_scene *scene, struct rng 
 	return scene->thing_count < SIM_MAX_THINGS && scene->prim_count < SIM_MAX_PRIMS;
 }
 
+static void set_bit(uint64_t *words, uint32_t bit)
+{
+	words[bit / 64] |= 1ull << (bit % 64);
+}
+
 struct prim *sim_add_turned(struct builder *b, enum shape shape, struct v3 centre, struct v3 half,
 			    float extra, struct rotation turn, const struct material *material)
 {
@@ -116,12 +121,59 @@ struct prim *sim_add_turned(struct builder *b, enum shape shape, struct v3 centr
 	p->inv = v3(1 / half.x, 1 / half.y, 1 / half.z);
 	p->turn_cos = cos_turns(extra);
 	p->turn_sin = sin_turns(extra);
+	p->solid = SOLID_BOX;
+	p->cut = CUT_DIP;
+	p->wave = 0;
+	p->caution = 1;
 	p->rot = compose(&b->turn, &turn);
 	p->material = *material;
 	p->reach = reach_of(p);
 	p->bound = bound_of(p);
 	world_box(p, &lo, &hi);
 	p->top = hi.z;
+	if (material->clear > 0)
+		set_bit(b->scene->clear, b->scene->prim_count - 1);
+	return p;
+}
+
+/* Steepest slope of value noise: a step of 1 under the smoothing curve, on each axis. */
+#define NOISE_SLOPE 1.5f
+
+struct prim *sim_add_rock(struct builder *b, struct v3 centre, struct v3 half, float depth,
+			  float wave, const struct material *material)
+{
+	struct prim *p = sim_add(b, SHAPE_ROCK, centre, half, depth, material);
+
+	if (!p)
+		return NULL;
+	p->wave = wave;
+	p->caution = 1 / (1 + depth * wave * NOISE_SLOPE);
+	return p;
+}
+
+struct prim *sim_add_relief(struct builder *b, struct v3 centre, struct v3 half, float depth,
+			    float hills, struct rotation turn, const struct material *material)
+{
+	struct prim *p = sim_add_turned(b, SHAPE_RELIEF, centre, half, depth, turn, material);
+	float slope;
+
+	if (!p)
+		return NULL;
+	p->wave = hills / maxf(half.x, half.y);
+	slope = 2 * depth * half.z * p->wave * NOISE_SLOPE;
+	p->caution = 1 / sqrtf(1 + slope * slope);
+	return p;
+}
+
+struct prim *sim_add_carved(struct builder *b, enum solid solid, enum cut cut, struct v3 centre,
+			    struct v3 half, float size, const struct material *material)
+{
+	struct prim *p = sim_add(b, SHAPE_CARVED, centre, half, size, material);
+
+	if (!p)
+		return NULL;
+	p->solid = solid;
+	p->cut = cut;
 	return p;
 }
 

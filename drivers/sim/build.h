@@ -30,6 +30,16 @@ struct prim *sim_add(struct builder *b, enum shape shape, struct v3 centre, stru
 struct prim *sim_add_turned(struct builder *b, enum shape shape, struct v3 centre, struct v3 half,
 			    float extra, struct rotation turn, const struct material *material);
 
+/** An ellipsoid with dents of `depth` (of its radius), `wave` of them to a radius. */
+struct prim *sim_add_rock(struct builder *b, struct v3 centre, struct v3 half, float depth,
+			  float wave, const struct material *material);
+/** A box whose top is a landscape with some `hills` across, at most `depth` of half.z deep. */
+struct prim *sim_add_relief(struct builder *b, struct v3 centre, struct v3 half, float depth,
+			    float hills, struct rotation turn, const struct material *material);
+/** A solid with something taken away, see enum cut. */
+struct prim *sim_add_carved(struct builder *b, enum solid solid, enum cut cut, struct v3 centre,
+			    struct v3 half, float size, const struct material *material);
+
 /* Colours, linear. */
 struct v3 sim_colour_any(struct rng *r);
 struct v3 sim_colour_wood(struct rng *r);
@@ -47,6 +57,8 @@ struct material sim_material_any(struct rng *r, float size_m);
 struct material sim_material_floor(struct rng *r, float size_m);
 struct material sim_material_wall(struct rng *r, float size_m);
 struct material sim_material_plain(struct v3 colour);
+/** Glass or clear plastic, colourless or tinted. */
+struct material sim_material_glass(struct rng *r);
 
 /** A random thing of radius about `size` standing at `origin`; returns its base radius, 0 when
  * the scene is full. */

@@ -95,6 +95,21 @@ static void finish_surface(struct rng *r, struct material *m)
 		m->specular = rng_in(r, 0.3f, 0.9f);
 }
 
+struct material sim_material_glass(struct rng *r)
+{
+	struct v3 body = rng_chance(r, 0.3f) ? sim_colour_any(r) : v3(0.85f, 0.9f, 0.9f);
+	struct material m = sim_material_plain(body);
+
+	m.tint = rng_chance(r, 0.55f) ? sim_hsv_in(r, v3(0, 0, 0.9f), v3(1, 0.1f, 1))
+				      : sim_hsv_in(r, v3(0, 0.2f, 0.7f), v3(1, 0.75f, 1));
+	/* Thick and smoked glass hides more; some is frosted by dust. */
+	m.clear = rng_in(r, 0.55f, 0.93f);
+	m.specular = rng_in(r, 0.03f, 0.07f);
+	m.gloss_log2 = 8;
+	m.reflects = rng_chance(r, 0.6f);
+	return m;
+}
+
 struct material sim_material(struct rng *r, enum texture_kind texture, float period_m)
 {
 	struct material m = {.texture = texture};

@@ -1,6 +1,6 @@
 /* Things that stand on tables and floors, each made of a few primitives. Sizes are relative to
  * `s`, about half of the thing's largest side. */
-#include "build.h"
+#include "object.h"
 
 static float simple_solid(struct builder *b, float s)
 {
@@ -253,17 +253,6 @@ static float flat(struct builder *b, float s)
 	return maxf(x, y);
 }
 
-static float carved_block(struct builder *b, float s)
-{
-	struct rng *r = b->rng;
-	struct material m = sim_material_any(r, s);
-	float x = s * rng_in(r, 0.5f, 0.9f), z = s * rng_in(r, 0.25f, 0.6f);
-
-	sim_add(b, SHAPE_CARVED, v3(0, 0, z), v3(x, x * rng_in(r, 0.7f, 1), z),
-		minf(0.6f * x, 1.4f * z), &m);
-	return x;
-}
-
 /* Sticks: pencils, cutlery, cables, railings. */
 static float sticks(struct builder *b, float s)
 {
@@ -287,10 +276,39 @@ static float sticks(struct builder *b, float s)
 float sim_object_add(struct dio_sim_scene *scene, struct rng *rng, struct v3 origin, float size)
 {
 	static float (*const makers[])(struct builder *, float) = {
-		simple_solid, simple_solid, simple_solid, simple_solid, simple_solid, vessel,
-		vessel,       mug,          mug,          book_stack,   plate,        fruit,
-		fruit,        tower,        assembly,     assembly,     house,        flat,
-		flat,         carved_block, sticks,
+		simple_solid,
+		simple_solid,
+		simple_solid,
+		simple_solid,
+		vessel,
+		vessel,
+		mug,
+		book_stack,
+		plate,
+		fruit,
+		fruit,
+		tower,
+		assembly,
+		assembly,
+		house,
+		flat,
+		sticks,
+		sim_make_rocks,
+		sim_make_relief,
+		sim_make_relief,
+		sim_make_carved,
+		sim_make_carved,
+		sim_make_rings,
+		sim_make_plant,
+		sim_make_plant,
+		sim_make_rack,
+		sim_make_glassware,
+		sim_make_glassware,
+		sim_make_wires,
+		sim_make_chair,
+		sim_make_figure,
+		sim_make_lamp,
+		sim_make_frame,
 	};
 	struct builder b;
 	float radius;

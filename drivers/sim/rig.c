@@ -16,7 +16,7 @@ static float draw_field_of_view(struct rng *r, bool turntable)
 	else if (kind < 0.8f)
 		degrees = rng_in(r, 32, 56);
 	else
-		degrees = rng_in(r, 56, 80);
+		degrees = rng_in(r, 56, 85);
 	return degrees / 360;
 }
 
@@ -100,7 +100,7 @@ struct rig sim_rig_draw(const struct dio_sim_scene *s, struct rng *r, uint32_t w
 		draw_around(&rig, r, true);
 		if (rig.style == RIG_FORWARD)
 			rig.style = RIG_RING;
-		rig.away = reach * rng_in(r, 0.9f, 1.7f);
+		rig.away = reach * rng_in(r, 0.75f, 1.45f);
 		rig.aim_jitter *= 0.4f;
 		if (rng_chance(r, 0.5f)) /* an exact turntable */
 			rig.away_span = rig.aim_jitter = 0;

@@ -3,11 +3,13 @@
 #define DIO_SIM_SCENE_H
 
 #include "dio/sim.h"
+#include "photo.h"
 #include "rng.h"
 #include "vec.h"
 
 enum {
 	SIM_MAX_PRIMS = 192,
+	SIM_SET_WORDS = SIM_MAX_PRIMS / 64,
 	SIM_MAX_THINGS = 48,
 	SIM_MAX_LIGHTS = 3,
 };
@@ -29,6 +31,7 @@ enum texture_kind {
 	TEX_WEAVE,
 	TEX_MOTIF,
 	TEX_PICTURE,
+	TEX_PHOTO, /* see photo.h */
 	TEX_COUNT,
 };
 
@@ -41,6 +44,8 @@ struct material {
 	float specular;      /* reflectance at normal incidence, 0: matt */
 	uint32_t gloss_log2; /* highlight exponent is 2^this */
 	bool reflects;       /* trace one bounce */
+	float clear;         /* share of the light that goes straight through */
+	struct v3 tint;      /* of that light */
 	float emission;
 	struct v3 colour[4]; /* linear */
 };
@@ -55,7 +60,24 @@ enum shape {
 	SHAPE_CUP,       /* open-topped cylinder, wall thickness `extra` */
 	SHAPE_PEBBLE,    /* ellipsoid under a smooth deformation of depth `extra` */
 	SHAPE_ARC,       /* part of a torus: half.x ring, half.y tube, `extra` half angle, turns */
-	SHAPE_CARVED,    /* box with a sphere of radius `extra` cut from its top */
+	SHAPE_ROCK,      /* ellipsoid with dents of depth `extra`, `wave` of them to its radius */
+	SHAPE_RELIEF,    /* box with a landscape cut into its top, `extra` of half.z at most */
+	SHAPE_CARVED,    /* `solid` with `cut` of size `extra` taken away */
+};
+
+enum solid {
+	SOLID_BOX,
+	SOLID_BALL,
+	SOLID_DRUM,
+};
+
+/* What is taken away from a solid; `extra` is its radius or half width. */
+enum cut {
+	CUT_DIP,     /* a ball about the middle of the top */
+	CUT_BORE,    /* a hole from top to bottom */
+	CUT_SLOT,    /* a channel along x, down to the middle */
+	CUT_CORNERS, /* a ball about each upper corner */
+	CUT_FLUTES,  /* grooves from top to bottom across the two long sides */
 };
 
 struct prim {
@@ -64,9 +86,13 @@ struct prim {
 	float extra;
 	struct v3 inv;            /* 1 / half */
 	float turn_cos, turn_sin; /* of `extra` turns */
-	float bound;              /* radius of the bounding sphere about `centre` */
-	struct v3 reach;          /* half sides of the bounding box in its own frame */
-	float top;                /* highest z in the world */
+	enum solid solid;         /* of SHAPE_CARVED */
+	enum cut cut;
+	float wave;      /* dents or hills per metre, or per radius */
+	float caution;   /* bound on how fast the field of dents and hills changes, inverted */
+	float bound;     /* radius of the bounding sphere about `centre` */
+	struct v3 reach; /* half sides of the bounding box in its own frame */
+	float top;       /* highest z in the world */
 	struct rotation rot;
 	struct material material;
 };
@@ -112,6 +138,7 @@ struct dio_sim_scene {
 
 	uint32_t prim_count, thing_count;
 	struct prim prim[SIM_MAX_PRIMS];
+	uint64_t clear[SIM_SET_WORDS]; /* bits of those that let light through */
 	struct thing thing[SIM_MAX_THINGS];
 
 	/* Bounds of the things as arrays, for loops that test all at once: a box along the axes,
@@ -121,6 +148,8 @@ struct dio_sim_scene {
 	float mid_x[SIM_MAX_THINGS], mid_y[SIM_MAX_THINGS], mid_z[SIM_MAX_THINGS];
 	float radius[SIM_MAX_THINGS];
 	float occluder2[SIM_MAX_THINGS]; /* squared radius of the ball that shades as much */
+
+	struct sim_photos photos;
 
 	float exposure; /* the gain that a camera's automatic exposure would choose */
 

@@ -1,6 +1,8 @@
 /* What lens and sensor do to light, and its encoding. */
 #include "sensor.h"
 
+#include "jpeg.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -145,6 +147,16 @@ void sim_sensor_add_noise(const struct dio_sim_sensor *sensor, size_t values, fl
 
 		rgb[i] = saturate(rgb[i] + sigma * bell(b, hash_u32(b ^ a)));
 	}
+}
+
+void sim_sensor_compress(const struct dio_sim_sensor *sensor, const struct dio_sim_camera *camera,
+			 float *rgb)
+{
+	if (sensor->jpeg_quality <= 0)
+		return;
+	for (uint32_t y = 0; y < camera->height; y += 16)
+		for (uint32_t x = 0; x < camera->width; x += 16)
+			jpeg_square(rgb, camera->width, camera->height, x, y, sensor->jpeg_quality);
 }
 
 void sim_sensor_quantise(const float *rgb, size_t values, uint8_t *bytes)

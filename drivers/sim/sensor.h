@@ -12,6 +12,10 @@ bool sim_sensor_expose(const struct dio_sim_sensor *sensor, const struct dio_sim
 /** Read and shot noise on encoded values, by a hash of the value's place and the seed. */
 void sim_sensor_add_noise(const struct dio_sim_sensor *sensor, size_t values, float *rgb);
 
+/** What a JPEG file of the picture would keep of it; nothing happens without jpeg_quality. */
+void sim_sensor_compress(const struct dio_sim_sensor *sensor, const struct dio_sim_camera *camera,
+			 float *rgb);
+
 void sim_sensor_quantise(const float *rgb, size_t values, uint8_t *bytes);
 
 #endif

@@ -13,6 +13,8 @@
 struct finish {
 	struct v3 albedo;
 	float specular, emission;
+	float clear; /* share of light that goes straight through, and its colour */
+	struct v3 tint;
 	uint32_t gloss_log2;
 	bool reflects;
 };
@@ -48,12 +50,15 @@ DIO_SIM_FN struct finish surface_finish(const struct dio_sim_scene *s, const str
 		float v = mixf(SIM_PAPER_INK, SIM_PAPER_WHITE, white);
 
 		f.albedo = v3(v, v, v);
-		f.specular = f.emission = 0;
+		f.specular = f.emission = f.clear = 0;
+		f.tint = v3(0, 0, 0);
 		f.gloss_log2 = 0;
 		f.reflects = false;
 		return f;
 	}
-	f.albedo = texture_colour(m, &hit->place);
+	f.albedo = texture_colour(m, &s->photos, &hit->place);
+	f.clear = m->clear;
+	f.tint = m->tint;
 	f.specular = m->specular;
 	f.emission = m->emission;
 	f.gloss_log2 = m->gloss_log2;
@@ -104,6 +109,7 @@ DIO_SIM_FN struct neighbourhood neighbourhood_of(const struct dio_sim_scene *s, 
 		if (!l->directional && v.z < 2 * breadth)
 			beam.floor_z = -SIM_FAR;
 		n.lamp[i] = set_of_beam(s, &beam);
+		set_remove_clear(s, &n.lamp[i]);
 	}
 	return n;
 }
@@ -174,6 +180,7 @@ DIO_SIM_FN float lamp_seen(const struct dio_sim_scene *s, struct v3 from, struct
 		set = before ? set_within_beam(s, before, &beam) : set_of_beam(s, &beam);
 	}
 	set_remove_own(s, surface, &set);
+	set_remove_clear(s, &set);
 	if (set_is_empty(&set))
 		return 1;
 	if (sharp)
@@ -199,6 +206,20 @@ DIO_SIM_FN float lamp_seen(const struct dio_sim_scene *s, struct v3 from, struct
 	}
 	return 0.25f * (float)seen;
 }
+
+/* Does clear glass stand before the lamp? Its shadow has one edge only. */
+DIO_SIM_FN bool lamp_behind_glass(const struct dio_sim_scene *s, struct v3 from, struct v3 to,
+				  float limit, float spread, uint32_t surface)
+{
+	struct prim_set set = set_of_clear(s);
+	struct ray r = ray_of(from, to, spread);
+
+	set_remove_own(s, surface, &set);
+	return !set_is_empty(&set) && trace_blocked(s, &r, &set, limit);
+}
+
+/* Share of a lamp's light that clear glass lets by. */
+#define SIM_GLASS_SHADOW 0.6f
 
 DIO_SIM_FN float highlight(struct v3 n, struct v3 half, const struct finish *f)
 {
@@ -231,14 +252,15 @@ DIO_SIM_FN struct response surface_response(const struct dio_sim_scene *s, const
 {
 	struct v3 p = v3_mad(hit->point, hit->normal, 1e-4f + 1e-4f * hit->t), n = hit->normal;
 	uint64_t things = s->thing_count ? ~0ull >> (64 - s->thing_count) : 0;
-	uint32_t place = 1;
+	struct prim_set glass = set_of_clear(s);
+	bool glassy = !set_is_empty(&glass), untold = false;
+	uint32_t place = 1, shown = 0;
 	struct response out;
 	float open = ambient_open(s, hit->point, n, near ? near->ambient : things);
 
 	out.gain = v3_mix(s->ambient_down, s->ambient_up, 0.5f + 0.5f * n.z);
 	out.gain = v3_scale(out.gain, open);
 	out.plus = v3(0, 0, 0);
-	out.lamps = 0;
 	for (uint32_t i = 0; i < s->light_count; i++, place *= 5) {
 		const struct light *light = &s->light[i];
 		struct v3 to = light->at;
@@ -260,8 +282,12 @@ DIO_SIM_FN struct response surface_response(const struct dio_sim_scene *s, const
 				 near ? &near->lamp[i] : NULL);
 		if (seen <= 0)
 			continue;
-		out.lamps = (uint8_t)(out.lamps + place * (uint32_t)(4 * seen));
+		shown += place * (uint32_t)(4 * seen);
 		power *= seen;
+		if (glassy && lamp_behind_glass(s, p, to, limit, r->spread, hit->id)) {
+			power *= SIM_GLASS_SHADOW;
+			untold = true;
+		}
 		out.gain = v3_mad(out.gain, light->colour, power * cosine);
 		if (f->specular > 0) {
 			struct v3 half = v3_unit(v3_sub(to, r->along));
@@ -270,6 +296,7 @@ DIO_SIM_FN struct response surface_response(const struct dio_sim_scene *s, const
 		}
 	}
 	out.gain = v3_add(out.gain, v3(f->emission, f->emission, f->emission));
+	out.lamps = (uint8_t)(untold ? SIM_LAMPS_UNTOLD : shown);
 	return out;
 }
 
@@ -314,6 +341,54 @@ DIO_SIM_FN struct v3 mirrored(const struct dio_sim_scene *s, const struct ray *r
 	f = surface_finish(s, &far, far.place.width);
 	back = surface_response(s, &m, &far, &f, SIM_LAMP_CENTRE, NULL);
 	return response_to(&back, f.albedo);
+}
+
+/* How many layers of glass a ray goes through before the next counts as the last. */
+enum { SIM_GLASS_LAYERS = 3 };
+
+/* Light that comes straight through a clear surface from behind it. */
+DIO_SIM_FN struct v3 seen_through(const struct dio_sim_scene *s, const struct ray *r,
+				  const struct scene_hit *hit, const struct finish *glass,
+				  float pixel_angle)
+{
+	struct v3 sum = v3(0, 0, 0), pass = v3_scale(glass->tint, glass->clear);
+	struct ray on = *r;
+	float way = hit->t;
+
+	for (int layer = 0; layer < SIM_GLASS_LAYERS; layer++) {
+		struct response back;
+		struct scene_hit far;
+		struct prim_set met;
+		struct finish f;
+		struct beam beam;
+		float solid;
+
+		way += 1e-4f + 1e-4f * hit->t;
+		on.from = v3_mad(r->from, r->along, way);
+		beam = beam_of(on.from, on.along, SIM_FAR, 0, 0);
+		met = set_of_beam(s, &beam);
+		trace_nearest(s, &on, &met, &far);
+		if (!far.material)
+			return v3_add(sum, v3_mul(pass, sky_colour(s, on.along)));
+		way += far.t;
+		f = hit_finish(s, &on, &far, pixel_angle * way / maxf(far.t, 1e-4f));
+		back = surface_response(s, &on, &far, &f, SIM_LAMP_CENTRE, NULL);
+		solid = layer + 1 < SIM_GLASS_LAYERS ? 1 - f.clear : 1;
+		sum = v3_add(sum, v3_mul(pass, v3_scale(response_to(&back, f.albedo), solid)));
+		if (solid >= 1)
+			break;
+		pass = v3_mul(pass, v3_scale(f.tint, f.clear));
+	}
+	return sum;
+}
+
+DIO_SIM_FN void add_passing(const struct dio_sim_scene *s, const struct ray *r,
+			    const struct scene_hit *hit, const struct finish *f, float pixel_angle,
+			    struct response *out)
+{
+	out->gain = v3_scale(out->gain, 1 - f->clear);
+	out->plus = v3_add(out->plus, seen_through(s, r, hit, f, pixel_angle));
+	out->lamps = SIM_LAMPS_UNTOLD;
 }
 
 /* Part of what a surface sends is lost, `shown` takes its place. */
@@ -371,6 +446,8 @@ DIO_SIM_FN struct v3 light_from(const struct dio_sim_scene *s, const struct ray 
 	}
 	f = hit_finish(s, r, hit, pixel_angle);
 	*out = surface_response(s, r, hit, &f, turn, near);
+	if (f.clear > 0)
+		add_passing(s, r, hit, &f, pixel_angle, out);
 	if (f.specular > 0)
 		add_reflection(s, r, hit, &f, pixel_angle, out);
 	fade_to_horizon(s, r, hit, out);

@@ -4,6 +4,7 @@
 #ifndef DIO_SIM_SHAPE_H
 #define DIO_SIM_SHAPE_H
 
+#include "noise.h"
 #include "scene.h"
 
 #define SIM_FAR 1e8f
@@ -201,12 +202,80 @@ DIO_SIM_FN float field_pebble(struct v3 p, struct v3 inv, float depth)
 	return (k - 1 + depth * bump) * k / (slope + 1e-9f) * (1 - 1.5f * depth);
 }
 
-DIO_SIM_FN float field_carved(struct v3 p, struct v3 half, float radius)
+/* Distance to an ellipsoid to first order; never too long outside. */
+DIO_SIM_FN float field_ball(struct v3 p, struct v3 inv)
 {
-	float box = field_round_box(p, half, 0.06f * half.z);
-	struct v3 q = v3(p.x, p.y, p.z - half.z);
+	struct v3 q = v3_mul(p, inv), g = v3_mul(q, inv);
+	float k = sqrtf(v3_dot(q, q));
 
-	return maxf(box, radius - sqrtf(v3_dot(q, q)));
+	return 0.9f * (k - 1) * k / (sqrtf(v3_dot(g, g)) + 1e-9f);
+}
+
+DIO_SIM_FN float field_drum(struct v3 p, float radius, float h)
+{
+	float r = sqrtf(p.x * p.x + p.y * p.y) - radius, z = absf(p.z) - h;
+	float out_r = maxf(r, 0), out_z = maxf(z, 0);
+
+	return sqrtf(out_r * out_r + out_z * out_z) + minf(maxf(r, z), 0);
+}
+
+/* Dents go inwards, so the ellipsoid's box holds it. */
+DIO_SIM_FN float field_rock(const struct prim *s, struct v3 p)
+{
+	struct v3 q = v3_mul(p, s->inv), g = v3_mul(q, s->inv);
+	float k = sqrtf(v3_dot(q, q)), slope = sqrtf(v3_dot(g, g));
+	float dent = value_noise(v3_scale(q, s->wave), s->material.seed);
+
+	dent += 0.4f * value_noise(v3_scale(q, 2.3f * s->wave), s->material.seed + 1);
+	return (k - 1 + s->extra * dent) * k / (slope + 1e-9f) * s->caution;
+}
+
+/* Hills of two sizes under the top of a box. */
+DIO_SIM_FN float field_relief(const struct prim *s, struct v3 p)
+{
+	float x = p.x * s->wave, y = p.y * s->wave, box = field_round_box(p, s->half, 0), dip;
+
+	/* The landscape cannot be felt far from it. */
+	if (box > 0.5f * s->half.z)
+		return box;
+	dip = 0.7f * value_noise2(x, y, s->material.seed) +
+	      0.3f * value_noise2(2.7f * x, 2.7f * y, s->material.seed + 1);
+	return maxf(box, (p.z - s->half.z * (1 - 2 * s->extra * dip)) * s->caution);
+}
+
+/* Negative inside of what a cut takes away. */
+DIO_SIM_FN float field_cut(const struct prim *s, struct v3 p)
+{
+	float ax = absf(p.x), ay = absf(p.y), pitch = 3 * s->extra, x;
+	struct v3 q = v3(p.x, p.y, p.z - s->half.z);
+
+	switch (s->cut) {
+	case CUT_DIP:
+		break;
+	case CUT_BORE:
+		q.z = 0;
+		break;
+	case CUT_SLOT:
+		return maxf(ay - s->extra, -p.z);
+	case CUT_CORNERS:
+		q.x = ax - s->half.x;
+		q.y = ay - s->half.y;
+		break;
+	case CUT_FLUTES:
+		x = fract(p.x / pitch) - 0.5f;
+		q = v3(x * pitch, ay - s->half.y, 0);
+		break;
+	}
+	return sqrtf(v3_dot(q, q)) - s->extra;
+}
+
+DIO_SIM_FN float field_carved(const struct prim *s, struct v3 p)
+{
+	float solid = s->solid == SOLID_BOX    ? field_round_box(p, s->half, 0.06f * s->half.z)
+		      : s->solid == SOLID_BALL ? field_ball(p, s->inv)
+					       : field_drum(p, s->half.x, s->half.z);
+
+	return maxf(solid, -field_cut(s, p));
 }
 
 DIO_SIM_FN float field_of(const struct prim *s, struct v3 p)
@@ -218,12 +287,19 @@ DIO_SIM_FN float field_of(const struct prim *s, struct v3 p)
 		return field_arc(p, s->half.x, s->half.y, s->turn_cos, s->turn_sin);
 	case SHAPE_PEBBLE:
 		return field_pebble(p, s->inv, s->extra);
+	case SHAPE_ROCK:
+		return field_rock(s, p);
+	case SHAPE_RELIEF:
+		return field_relief(s, p);
 	case SHAPE_CARVED:
-		return field_carved(p, s->half, s->extra);
+		return field_carved(s, p);
 	default:
 		return field_round_box(p, s->half, s->extra);
 	}
 }
+
+/* After so many steps a walk has no hope: it goes along the surface. */
+enum { SIM_WALK_STEPS = 48 };
 
 DIO_SIM_FN bool hit_field(const struct prim *s, const struct ray *r, struct surface_hit *hit)
 {
@@ -237,7 +313,7 @@ DIO_SIM_FN bool hit_field(const struct prim *s, const struct ray *r, struct surf
 	tiny = clampf(0.1f * r->spread * t, s->bound * 1e-3f, s->bound * 8e-3f);
 	for (int step = 0; t < out; step++) {
 		d = field_of(s, ray_at(r, t));
-		if (d < tiny || step == 32)
+		if (d < tiny || step == SIM_WALK_STEPS)
 			break;
 		t += d + tiny; /* lets rays along the surface go */
 	}

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 
 #include "build.h"
+#include "photo.h"
 #include "render.h"
 #include "sensor.h"
 
@@ -35,6 +36,7 @@ static void build(struct dio_sim_scene *s, const struct dio_sim_scene_options *o
 		sim_build_table(s, &rng, o->clear_board);
 		break;
 	}
+	sim_photos_hang(s);
 }
 
 static bool render_linear(const struct dio_sim_scene *scene, const struct dio_sim_camera *camera,
@@ -103,8 +105,10 @@ bool dio_sim_render(const struct dio_sim_scene *scene, const struct dio_sim_came
 	bool ok = picture && dio_sim_render_float(scene, camera, sensor, samples, picture);
 
 	if (ok) {
-		if (sensor)
+		if (sensor) {
 			sim_sensor_add_noise(sensor, values, picture);
+			sim_sensor_compress(sensor, camera, picture);
+		}
 		sim_sensor_quantise(picture, values, rgb);
 	}
 	free(picture);

@@ -4,6 +4,8 @@
 #ifndef DIO_SIM_TEXTURE_H
 #define DIO_SIM_TEXTURE_H
 
+#include "noise.h"
+#include "photo.h"
 #include "scene.h"
 
 /* Place on a surface: solid coordinates and an unrolled sheet, both in metres. */
@@ -35,43 +37,6 @@ DIO_SIM_FN float square_wave(float x, float duty, float width)
 	f = minf(f, 1 - f);
 	on = soft_edge(0.5f * duty - f, width);
 	return mixf(duty, on, detail(width));
-}
-
-DIO_SIM_FN float value_noise(struct v3 p, uint32_t seed)
-{
-	int32_t x = floor_int(p.x), y = floor_int(p.y), z = floor_int(p.z);
-	float fx = p.x - (float)x, fy = p.y - (float)y, fz = p.z - (float)z;
-	/* Lighter than hash_cell(), called for eight corners; its upper bits are mixed enough. */
-	uint32_t hx[2] = {(uint32_t)x * 0x9e3779b1u, (uint32_t)x * 0x9e3779b1u + 0x9e3779b1u};
-	uint32_t hy[2] = {(uint32_t)y * 0x85ebca77u, (uint32_t)y * 0x85ebca77u + 0x85ebca77u};
-	uint32_t hz[2] = {(uint32_t)z * 0xc2b2ae3du, (uint32_t)z * 0xc2b2ae3du + 0xc2b2ae3du};
-	float v[8];
-
-	seed *= 0x27d4eb2fu;
-	fx = fx * fx * (3 - 2 * fx);
-	fy = fy * fy * (3 - 2 * fy);
-	fz = fz * fz * (3 - 2 * fz);
-	for (int i = 0; i < 8; i++) {
-		uint32_t h = hx[i & 1] ^ hy[i >> 1 & 1] ^ hz[i >> 2] ^ seed;
-
-		v[i] = unit_from((h ^ h >> 15) * 0x2c1b3c6du);
-	}
-	for (int i = 0; i < 4; i++)
-		v[i] = mixf(v[2 * i], v[2 * i + 1], fx);
-	return mixf(mixf(v[0], v[1], fy), mixf(v[2], v[3], fy), fz);
-}
-
-DIO_SIM_FN float value_noise2(float px, float py, uint32_t seed)
-{
-	int32_t x = floor_int(px), y = floor_int(py);
-	float fx = px - (float)x, fy = py - (float)y;
-	float a = unit_from(hash_cell(x, y, 0, seed)), b = unit_from(hash_cell(x + 1, y, 0, seed));
-	float c = unit_from(hash_cell(x, y + 1, 0, seed));
-	float d = unit_from(hash_cell(x + 1, y + 1, 0, seed));
-
-	fx = fx * fx * (3 - 2 * fx);
-	fy = fy * fy * (3 - 2 * fy);
-	return mixf(mixf(a, b, fx), mixf(c, d, fx), fy);
 }
 
 /* Several octaves in [0, 1], mean 0.5; octaves too fine or too faint to show are left out. */
@@ -359,8 +324,19 @@ DIO_SIM_FN struct v3 tex_picture(const struct material *m, struct v2 s, float wi
 	return v3_scale(c, 0.6f + 0.8f * fractal_noise(v3_scale(p, 3), 3 * width, 3, m->seed));
 }
 
+/* A photograph, another part of another one for every seed. */
+DIO_SIM_FN struct v3 tex_photo(const struct material *m, const struct sim_photos *photos,
+			       struct v2 s, float width)
+{
+	uint32_t h = hash_u32(m->seed);
+
+	return photo_colour(photos, h % photos->count, s.x + 2 * unit_from(hash_u32(h)),
+			    s.y + 2 * unit_from(hash_u32(h + 1)), width);
+}
+
 /* Colour of the material, linear. */
-DIO_SIM_FN struct v3 texture_colour(const struct material *m, const struct place *at)
+DIO_SIM_FN struct v3 texture_colour(const struct material *m, const struct sim_photos *photos,
+				    const struct place *at)
 {
 	float width = at->width * m->scale;
 	struct v3 p = v3_scale(at->solid, m->scale), c;
@@ -412,6 +388,9 @@ DIO_SIM_FN struct v3 texture_colour(const struct material *m, const struct place
 		break;
 	case TEX_PICTURE:
 		c = tex_picture(m, s, width);
+		break;
+	case TEX_PHOTO:
+		c = tex_photo(m, photos, s, width);
 		break;
 	default:
 		c = m->colour[0];

@@ -22,8 +22,6 @@ enum {
 };
 
 /* Some of the scene's primitives, one bit each. */
-enum { SIM_SET_WORDS = SIM_MAX_PRIMS / 64 };
-
 struct prim_set {
 	uint64_t word[SIM_SET_WORDS];
 };
@@ -137,6 +135,21 @@ DIO_SIM_FN struct prim_set set_within_beam(const struct dio_sim_scene *s, const 
 	return set;
 }
 
+DIO_SIM_FN struct prim_set set_of_clear(const struct dio_sim_scene *s)
+{
+	struct prim_set set;
+
+	for (int i = 0; i < SIM_SET_WORDS; i++)
+		set.word[i] = s->clear[i];
+	return set;
+}
+
+DIO_SIM_FN void set_remove_clear(const struct dio_sim_scene *s, struct prim_set *set)
+{
+	for (int i = 0; i < SIM_SET_WORDS; i++)
+		set->word[i] &= ~s->clear[i];
+}
+
 /* Take out the primitive that a surface belongs to where no ray that leaves the surface meets it
  * again: nothing round shades itself. */
 DIO_SIM_FN void set_remove_own(const struct dio_sim_scene *s, uint32_t surface,
@@ -153,6 +166,7 @@ DIO_SIM_FN void set_remove_own(const struct dio_sim_scene *s, uint32_t surface,
 	case SHAPE_FRUSTUM:
 	case SHAPE_ROUND_BOX:
 	case SHAPE_PEBBLE: /* nearly */
+	case SHAPE_ROCK:
 		set_remove(set, prim);
 		break;
 	default:
@@ -182,6 +196,7 @@ DIO_SIM_FN struct v2 prim_sheet(const struct prim *p, struct v3 q, struct v3 n)
 		return v2(atan2_turns(q.y, q.x) * 2 * SIM_PI * p->half.x, -q.z);
 	case SHAPE_ELLIPSOID:
 	case SHAPE_PEBBLE:
+	case SHAPE_ROCK:
 		return v2(atan2_turns(q.y, q.x) * 2 * SIM_PI * p->half.x, -q.z * 1.3f);
 	case SHAPE_TORUS:
 	case SHAPE_ARC: {

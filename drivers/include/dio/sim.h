@@ -49,6 +49,18 @@ struct dio_sim_scene_options {
 DIO_SIM_API struct dio_sim_scene *dio_sim_scene_create(const struct dio_sim_scene_options *options);
 DIO_SIM_API void dio_sim_scene_destroy(struct dio_sim_scene *scene);
 
+/**
+ * Photographs that scenes made from now on print on boxes, books, walls and pictures.
+ *
+ * pixels  [count][side][side][3] bytes sRGB, copied
+ * side    a power of two, 4096 at most
+ * count   0 forgets them all
+ *
+ * For the whole process, and not while scenes exist that were made with other photographs.
+ * 0, or -1 when memory is short or the side is not as said
+ */
+DIO_SIM_API int dio_sim_photos_set(const uint8_t *pixels, uint32_t side, uint32_t count);
+
 /** True camera: OpenCV axes and distortion (k1, k2, p1, p2, k3), pixel (0,0) at a pixel's centre.
  */
 struct dio_sim_camera {
@@ -67,6 +79,7 @@ struct dio_sim_sensor {
 	float blur_px;          /* Gaussian */
 	float vignetting;       /* loss of light in the corners, [0,1] */
 	uint64_t noise_seed;
+	float jpeg_quality; /* 1..100 as libjpeg counts, 4:2:0; 0: not compressed */
 };
 
 /**
@@ -83,7 +96,7 @@ DIO_SIM_API bool dio_sim_render(const struct dio_sim_scene *scene,
 				const struct dio_sim_sensor *sensor, uint32_t samples,
 				uint8_t *rgb);
 
-/** Same picture, sRGB-encoded floats in [0,1] before noise and rounding. */
+/** Same picture, sRGB-encoded floats in [0,1] before noise, JPEG and rounding. */
 DIO_SIM_API bool dio_sim_render_float(const struct dio_sim_scene *scene,
 				      const struct dio_sim_camera *camera,
 				      const struct dio_sim_sensor *sensor, uint32_t samples,
