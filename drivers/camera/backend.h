@@ -16,6 +16,9 @@ struct dio_camera_ops {
 	enum dio_status (*acquire)(struct dio_camera *camera, struct dio_frame *frame,
 				   int64_t timeout_ns, struct dio_error *error);
 	void (*close)(struct dio_camera *camera); /* releases the object itself too */
+	/* NULL: no controls. `wish` NULL: only read. */
+	enum dio_status (*control)(struct dio_camera *camera, const struct dio_camera_wish *wish,
+				   struct dio_camera_controls *controls, struct dio_error *error);
 };
 
 /** Embedded as the first member of each backend's own object. */

@@ -113,3 +113,34 @@ void dio_camera_get_counters(const struct dio_camera *camera, struct dio_camera_
 {
 	*counters = camera->counters;
 }
+
+static enum dio_status control(struct dio_camera *camera, const struct dio_camera_wish *wish,
+			       struct dio_camera_controls *controls, struct dio_error *error)
+{
+	struct dio_camera_controls answer = {0};
+	enum dio_status status;
+
+	if (!camera->ops->control)
+		return dio_fail(error, DIO_UNSUPPORTED, "camera %s: has no controls",
+				camera->info.name);
+	status = camera->ops->control(camera, wish, &answer, error);
+	if (status == DIO_OK)
+		*controls = answer;
+	return status;
+}
+
+enum dio_status dio_camera_set_controls(struct dio_camera *camera,
+					const struct dio_camera_wish *wish,
+					struct dio_camera_controls *done, struct dio_error *error)
+{
+	if (!isfinite(wish->gain) || wish->gain < 0)
+		return dio_fail(error, DIO_BAD_ARG, "camera %s: a gain of %g is wished",
+				camera->info.name, wish->gain);
+	return control(camera, wish, done, error);
+}
+
+enum dio_status dio_camera_get_controls(struct dio_camera *camera, struct dio_camera_controls *now,
+					struct dio_error *error)
+{
+	return control(camera, NULL, now, error);
+}

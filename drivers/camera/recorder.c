@@ -61,23 +61,36 @@ static enum dio_status make_folders(struct dio_recorder *recorder, struct dio_er
 	return fail_write(folder, error);
 }
 
+/* An object with its folder's names and no journal open. */
+static enum dio_status create(const char *folder, const struct dio_camera_info *camera,
+			      struct dio_recorder **recorder, struct dio_error *error)
+{
+	struct dio_recorder *made = calloc(1, sizeof(*made));
+
+	if (made) {
+		made->journal = -1;
+		made->index.camera = *camera;
+		made->folder = strdup(folder);
+		if (asprintf(&made->journal_path, "%s/%s", folder, DIO_RECORDING_JOURNAL_FILE) < 0)
+			made->journal_path = NULL;
+	}
+	if (!made || !made->folder || !made->journal_path) {
+		if (made)
+			release(made);
+		return dio_fail(error, DIO_NO_MEM, "recording %s: out of memory", folder);
+	}
+	*recorder = made;
+	return DIO_OK;
+}
+
 enum dio_status dio_recorder_open(const char *folder, const struct dio_camera_info *camera,
 				  struct dio_recorder **recorder, struct dio_error *error)
 {
-	struct dio_recorder *made = calloc(1, sizeof(*made));
-	enum dio_status status;
+	struct dio_recorder *made;
+	enum dio_status status = create(folder, camera, &made, error);
 
-	if (!made)
-		return dio_fail(error, DIO_NO_MEM, "recording %s: out of memory", folder);
-	made->journal = -1;
-	made->index.camera = *camera;
-	made->folder = strdup(folder);
-	if (!made->folder ||
-	    asprintf(&made->journal_path, "%s/%s", folder, DIO_RECORDING_JOURNAL_FILE) < 0) {
-		made->journal_path = NULL;
-		status = dio_fail(error, DIO_NO_MEM, "recording %s: out of memory", folder);
-		goto fail;
-	}
+	if (status != DIO_OK)
+		return status;
 	status = make_folders(made, error);
 	if (status == DIO_OK)
 		status = dio_recording_index_write(folder, &made->index, error);
@@ -93,6 +106,75 @@ enum dio_status dio_recorder_open(const char *folder, const struct dio_camera_in
 fail:
 	release(made);
 	return status;
+}
+
+/* All frames as a journal, written beside and renamed. */
+static enum dio_status rewrite_journal(struct dio_recorder *recorder, struct dio_error *error)
+{
+	struct dio_atomic_file *file;
+	enum dio_status status = dio_atomic_file_open(recorder->journal_path, &file, error);
+
+	if (status != DIO_OK)
+		return status;
+	for (size_t i = 0; i < recorder->index.count; i++) {
+		char *line = dio_recording_entry_line(&recorder->index.entries[i]);
+
+		/* A write that fails shows at the commit. */
+		if (line)
+			fputs(line, dio_atomic_file_stream(file));
+		else
+			status = DIO_NO_MEM;
+		free(line);
+	}
+	if (status != DIO_OK) {
+		dio_atomic_file_discard(file);
+		return dio_fail(error, status, "recording %s: out of memory", recorder->folder);
+	}
+	return dio_atomic_file_commit(file, error);
+}
+
+/* From here on the frames are the journal's: the list is emptied only once that is on the disk,
+ * since a journal beside a list with frames is not read. */
+static enum dio_status reopen(struct dio_recorder *recorder, const struct dio_camera_info *camera,
+			      struct dio_error *error)
+{
+	struct dio_recording_index empty = {.camera = *camera};
+	enum dio_status status =
+		dio_recording_index_read(recorder->folder, &recorder->index, error);
+
+	if (status == DIO_OK)
+		status = rewrite_journal(recorder, error);
+	if (status == DIO_OK)
+		status = dio_recording_index_write(recorder->folder, &empty, error);
+	if (status != DIO_OK)
+		return status;
+	recorder->index.camera = *camera;
+	recorder->journal = open(recorder->journal_path, O_WRONLY | O_CLOEXEC);
+	if (recorder->journal >= 0)
+		recorder->journal_bytes = lseek(recorder->journal, 0, SEEK_END);
+	if (recorder->journal < 0 || recorder->journal_bytes < 0)
+		return fail_write(recorder->journal_path, error);
+	return DIO_OK;
+}
+
+enum dio_status dio_recorder_resume(const char *folder, const struct dio_camera_info *camera,
+				    struct dio_recorder **recorder, uint64_t *frames,
+				    struct dio_error *error)
+{
+	struct dio_recorder *made;
+	enum dio_status status = create(folder, camera, &made, error);
+
+	if (status != DIO_OK)
+		return status;
+	status = reopen(made, camera, error);
+	if (status != DIO_OK) {
+		release(made);
+		return status;
+	}
+	if (frames)
+		*frames = made->index.count;
+	*recorder = made;
+	return DIO_OK;
 }
 
 /* One line, whole or not at all. */
@@ -152,6 +234,7 @@ enum dio_status dio_recorder_append(struct dio_recorder *recorder, const struct 
 	struct dio_recording_entry entry = {
 		.timestamp_ns = frame->timestamp_ns,
 		.sequence = frame->sequence,
+		.metadata = frame->metadata,
 	};
 	uint8_t *owned;
 	const uint8_t *bytes;

@@ -61,6 +61,57 @@ static bool get_u64(const cJSON *object, const char *key, int base, uint64_t *va
 	return *end == '\0' && errno == 0;
 }
 
+/* How the camera took a frame: numbers, left out where it did not say. */
+static const struct {
+	const char *key;
+	size_t offset;
+	bool is_real;
+} METADATA[] = {
+	{"exposure_us", offsetof(struct dio_frame_metadata, exposure_us), false},
+	{"gain", offsetof(struct dio_frame_metadata, gain), true},
+	{"white_balance_k", offsetof(struct dio_frame_metadata, white_balance_k), false},
+	{"red_gain", offsetof(struct dio_frame_metadata, red_gain), true},
+	{"blue_gain", offsetof(struct dio_frame_metadata, blue_gain), true},
+	{"locked", offsetof(struct dio_frame_metadata, locked), false},
+};
+#define METADATA_COUNT (sizeof(METADATA) / sizeof(METADATA[0]))
+
+static bool add_metadata(cJSON *object, const struct dio_frame_metadata *metadata)
+{
+	for (size_t i = 0; i < METADATA_COUNT; i++) {
+		const char *at = (const char *)metadata + METADATA[i].offset;
+		uint32_t whole;
+		float real;
+		double value;
+
+		memcpy(&whole, at, sizeof(whole));
+		memcpy(&real, at, sizeof(real));
+		value = METADATA[i].is_real ? (double)real : (double)whole;
+		if (value != 0 && isfinite(value) &&
+		    !cJSON_AddNumberToObject(object, METADATA[i].key, value))
+			return false;
+	}
+	return true;
+}
+
+/* What cannot be a value of that kind is taken as not said: a frame is not lost for it. */
+static void get_metadata(const cJSON *object, struct dio_frame_metadata *metadata)
+{
+	for (size_t i = 0; i < METADATA_COUNT; i++) {
+		const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, METADATA[i].key);
+		char *at = (char *)metadata + METADATA[i].offset;
+		uint32_t whole;
+		float real;
+
+		if (!cJSON_IsNumber(item) || !(item->valuedouble >= 0) ||
+		    item->valuedouble > (double)UINT32_MAX)
+			continue;
+		whole = (uint32_t)item->valuedouble;
+		real = (float)item->valuedouble;
+		memcpy(at, METADATA[i].is_real ? (const void *)&real : (const void *)&whole, 4);
+	}
+}
+
 static cJSON *entry_to_json(const struct dio_recording_entry *entry)
 {
 	cJSON *object = cJSON_CreateObject();
@@ -71,7 +122,7 @@ static cJSON *entry_to_json(const struct dio_recording_entry *entry)
 	    add_u64(object, "timestamp_ns", entry->timestamp_ns) &&
 	    add_u64(object, "sequence", entry->sequence) &&
 	    add_u64(object, "size_bytes", entry->size_bytes) &&
-	    cJSON_AddStringToObject(object, "crc32", crc))
+	    cJSON_AddStringToObject(object, "crc32", crc) && add_metadata(object, &entry->metadata))
 		return object;
 	cJSON_Delete(object);
 	return NULL;
@@ -102,6 +153,7 @@ static bool entry_from_json(const cJSON *object, struct dio_recording_entry *ent
 		return false;
 	memcpy(entry->file, file, strlen(file));
 	entry->crc32 = (uint32_t)crc;
+	get_metadata(object, &entry->metadata);
 	return true;
 }
 

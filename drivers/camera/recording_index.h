@@ -14,6 +14,7 @@ struct dio_recording_entry {
 	char file[64]; /* relative to the recording's folder: "frames/000000.png" */
 	uint64_t timestamp_ns, sequence, size_bytes;
 	uint32_t crc32; /* zlib's, over the whole file */
+	struct dio_frame_metadata metadata;
 };
 
 /** Owned by whoever initialised it to zero; released with dio_recording_index_deinit(). */

@@ -214,11 +214,18 @@ static enum dio_status replay_acquire(struct dio_camera *camera, struct dio_fram
 	}
 	loaded.timestamp_ns = timestamp_of(replay, i);
 	loaded.sequence = replay->is_recording ? replay->index.entries[i].sequence : i;
+	if (replay->is_recording)
+		loaded.metadata = replay->index.entries[i].metadata;
 	*frame = loaded;
 	return DIO_OK;
 }
 
-static const struct dio_camera_ops ops = {replay_start, replay_stop, replay_acquire, replay_close};
+static const struct dio_camera_ops ops = {
+	.start = replay_start,
+	.stop = replay_stop,
+	.acquire = replay_acquire,
+	.close = replay_close,
+};
 
 static enum dio_status open_recording(struct replay *replay, struct dio_error *error)
 {

@@ -11,7 +11,8 @@
 #include "sim_spec.h"
 #include "sim_truth.h"
 
-#define NS_PER_S 1e9
+#define NS_PER_S    1e9
+#define EXPOSURE_US 10000
 
 struct sim {
 	struct dio_camera base; /* first */
@@ -23,6 +24,8 @@ struct sim {
 	uint64_t next;     /* index of the frame to come */
 	uint64_t epoch_ns; /* when frame 0 is due; 0 when there is no pace */
 	bool has_truth;
+	float exposure_stops; /* of the words, at EXPOSURE_US and gain 1 */
+	struct dio_frame_metadata metadata;
 };
 
 static const struct dio_camera_ops ops;
@@ -149,10 +152,35 @@ static enum dio_status sim_acquire(struct dio_camera *camera, struct dio_frame *
 	*frame = dio_frame_from_picture(&sim->picture);
 	frame->timestamp_ns = time_of(sim, sim->next);
 	frame->sequence = sim->next++;
+	frame->metadata = sim->metadata;
 	return DIO_OK;
 }
 
-static const struct dio_camera_ops ops = {sim_start, sim_stop, sim_acquire, sim_close};
+/* Nothing of a simulated sensor varies by itself: it can be held, and then it says so. */
+static enum dio_status sim_control(struct dio_camera *camera, const struct dio_camera_wish *wish,
+				   struct dio_camera_controls *controls, struct dio_error *error)
+{
+	const uint32_t all = DIO_LOCK_EXPOSURE | DIO_LOCK_GAIN | DIO_LOCK_WHITE_BALANCE;
+	struct sim *sim = self(camera);
+	struct dio_frame_metadata *metadata = &sim->metadata;
+
+	(void)error;
+	if (wish) {
+		metadata->locked = wish->hold ? all : 0;
+		/* In stops against a hundredth of a second at gain 1. */
+		if (wish->exposure_us > 0)
+			metadata->exposure_us = wish->exposure_us;
+		if (wish->gain > 0)
+			metadata->gain = (float)wish->gain;
+		sim->spec.sensor.exposure_stops =
+			sim->exposure_stops +
+			log2f((float)metadata->exposure_us / EXPOSURE_US * metadata->gain);
+	}
+	*controls = (struct dio_camera_controls){.offered = all, .metadata = *metadata};
+	return DIO_OK;
+}
+
+static const struct dio_camera_ops ops = {sim_start, sim_stop, sim_acquire, sim_close, sim_control};
 
 bool dio_sim_camera_get_truth(const struct dio_camera *camera, struct dio_sim_camera *truth)
 {
@@ -199,6 +227,9 @@ enum dio_status dio_sim_open(const char *words, const struct dio_camera_options 
 	sim->base.options = *options;
 	sim->base.frame_name = "";
 	sim->spec = spec;
+	sim->exposure_stops = spec.sensor.exposure_stops;
+	sim->metadata = (struct dio_frame_metadata){
+		.exposure_us = EXPOSURE_US, .gain = 1, .white_balance_k = 6500};
 	make_lens(&spec, &sim->lens);
 	sim->scene = dio_sim_scene_create(&spec.scene);
 	if (!sim->scene || dio_picture_init(&sim->picture, spec.width, spec.height) != DIO_OK) {

@@ -470,7 +470,12 @@ static void v4l2_close(struct dio_camera *camera)
 	free(v4l2);
 }
 
-static const struct dio_camera_ops ops = {v4l2_start, v4l2_stop, v4l2_acquire, v4l2_close};
+static const struct dio_camera_ops ops = {
+	.start = v4l2_start,
+	.stop = v4l2_stop,
+	.acquire = v4l2_acquire,
+	.close = v4l2_close,
+};
 
 static enum dio_status set_up(struct v4l2_camera *v4l2, struct dio_error *error)
 {

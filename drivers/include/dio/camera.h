@@ -39,6 +39,30 @@ struct dio_camera_counters {
 	uint64_t broken;  /* frames the driver flagged as damaged */
 };
 
+/** What mains light the exposure is fitted to, so that it does not flicker. */
+enum dio_camera_flicker {
+	DIO_CAMERA_FLICKER_KEEP, /* as it is */
+	DIO_CAMERA_FLICKER_AUTO,
+	DIO_CAMERA_FLICKER_OFF,
+	DIO_CAMERA_FLICKER_50HZ,
+	DIO_CAMERA_FLICKER_60HZ,
+};
+
+/** Wishes about exposure, gain, white balance and focus; all zero: automatic. */
+struct dio_camera_wish {
+	bool hold; /* keep each of them still from now on: at the value wished, else as it is */
+	uint32_t exposure_us; /* 0: no wish */
+	double gain;          /* in the device's unit, libcamera: times; 0: no wish */
+	enum dio_camera_flicker flicker;
+};
+
+/** What the driver really did, read back from it. */
+struct dio_camera_controls {
+	uint32_t offered; /* enum dio_camera_lock bits: what this device can be told to hold */
+	struct dio_frame_metadata metadata; /* with `locked`: what of it is held */
+	enum dio_camera_flicker flicker;    /* in force; KEEP: the device has no such control */
+};
+
 /**
  * Open a camera.
  *
@@ -64,6 +88,8 @@ enum dio_status dio_camera_stop(struct dio_camera *camera, struct dio_error *err
  * timeout_ns  longest wait
  *
  * DIO_AGAIN  no frame in time; DIO_END  no more; DIO_GONE  unplugged;
+ * DIO_NO_SIGNAL  the device's input has no signal, which is no fault: go on asking;
+ * DIO_REFUSED  the signal has changed its size: close, and open again;
  * DIO_BAD_FILE  a picture of a folder cannot be read: the text names it, the next call goes on
  */
 enum dio_status dio_camera_acquire(struct dio_camera *camera, struct dio_frame *frame,
@@ -74,6 +100,20 @@ const char *dio_camera_get_frame_name(const struct dio_camera *camera);
 
 void dio_camera_get_info(const struct dio_camera *camera, struct dio_camera_info *info);
 void dio_camera_get_counters(const struct dio_camera *camera, struct dio_camera_counters *counters);
+
+/**
+ * Tell the camera how to expose. What a device does not offer is no failure: `done` says what was
+ * offered and what is held now. Frames acquired from now on carry the new metadata.
+ *
+ * DIO_UNSUPPORTED  this kind of camera has no controls (replay); DIO_GONE  unplugged
+ */
+enum dio_status dio_camera_set_controls(struct dio_camera *camera,
+					const struct dio_camera_wish *wish,
+					struct dio_camera_controls *done, struct dio_error *error);
+
+/** Read them from the device, which may take milliseconds; statuses as above. */
+enum dio_status dio_camera_get_controls(struct dio_camera *camera, struct dio_camera_controls *now,
+					struct dio_error *error);
 
 #ifdef __cplusplus
 }

@@ -1,5 +1,5 @@
 /* A recording: a folder with frames/NNNNNN.{png,jpg} and recording.json (camera; timestamp,
- * sequence and checksum of each frame). */
+ * sequence, checksum of each frame, exposure, gain and white balance where the camera says). */
 #ifndef DIO_RECORDING_H
 #define DIO_RECORDING_H
 
@@ -24,6 +24,18 @@ struct dio_recorder;
  */
 enum dio_status dio_recorder_open(const char *folder, const struct dio_camera_info *camera,
 				  struct dio_recorder **recorder, struct dio_error *error);
+
+/**
+ * Go on with a recording, closed or cut off: frames are added behind those it has. At every moment
+ * of this the folder is a whole recording of the same frames.
+ *
+ * frames  NULL, or receives how many there are
+ *
+ * DIO_NOT_FOUND  there is none; DIO_BAD_FILE  it is damaged
+ */
+enum dio_status dio_recorder_resume(const char *folder, const struct dio_camera_info *camera,
+				    struct dio_recorder **recorder, uint64_t *frames,
+				    struct dio_error *error);
 enum dio_status dio_recorder_append(struct dio_recorder *recorder, const struct dio_frame *frame,
 				    struct dio_error *error);
 
