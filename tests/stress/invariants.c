@@ -96,11 +96,15 @@ static void expect_same(const struct stress_job *job, const struct stress_world 
 			enum dvsm_precision precision, const char *name, const float *before)
 {
 	const struct stress_way way = {.precision = precision, .threads = job->threads};
+	char full_name[64];
 	struct stress_figure figure = {
 		.group = "invariants",
-		.name = name,
+		.name = full_name,
 		.precision = dvsm_precision_name(precision),
 	};
+
+	snprintf(full_name, sizeof(full_name), "%s, %s", world->recipe.name, name);
+
 	struct stress_outcome after = run_or_fault(job, world, &way, &figure);
 
 	if (after.status != DVSM_OK)
@@ -203,9 +207,11 @@ static void check_bits(const struct stress_job *job, const struct stress_world *
 		char name[48];
 
 		if (i < 4)
-			snprintf(name, sizeof(name), "%u threads", way.threads);
+			snprintf(name, sizeof(name), "%s, %u threads", world->recipe.name,
+				 way.threads);
 		else
-			snprintf(name, sizeof(name), "tier %s", dvsm_cpu_name(way.cpu_mask));
+			snprintf(name, sizeof(name), "%s, tier %s", world->recipe.name,
+				 dvsm_cpu_name(way.cpu_mask));
 		figure.name = name;
 		figure.value = 0;
 
@@ -219,19 +225,14 @@ static void check_bits(const struct stress_job *job, const struct stress_world *
 	}
 }
 
-static void check_all(const struct stress_job *job, enum dvsm_precision precision)
+static void check_all(const struct stress_job *job, const struct stress_recipe *recipe,
+		      enum dvsm_precision precision)
 {
-	/* Five views, so that no sum is exact by luck. */
-	struct stress_recipe recipe = stress_recipe_base;
-
-	recipe.name = "invariants";
-	recipe.views = 5;
-
-	struct stress_world *world = stress_world_make(&recipe);
+	struct stress_world *world = stress_world_make(recipe);
 	const struct stress_way way = {.precision = precision, .threads = job->threads};
 	const struct stress_figure figure = {
 		.group = "invariants",
-		.name = "as it is",
+		.name = recipe->name,
 		.precision = dvsm_precision_name(precision),
 		.what = "render",
 	};
@@ -249,6 +250,13 @@ static void check_all(const struct stress_job *job, enum dvsm_precision precisio
 
 void stress_invariants(const struct stress_job *job)
 {
-	for (size_t p = 0; p < job->precision_count; p++)
-		check_all(job, job->precisions[p]);
+	/* Five views, so that no sum is exact by luck. */
+	struct stress_recipe recipe = stress_recipe_base;
+
+	recipe.views = 5;
+	for (size_t p = 0; p < job->precision_count; p++) {
+		check_all(job, &recipe, job->precisions[p]);
+		if (!job->quick)
+			check_all(job, &stress_recipe_shipped, job->precisions[p]);
+	}
 }

@@ -43,6 +43,9 @@ struct stress_recipe {
 /** D 64, 2 heads, 3 blocks, patch 8; 3 views of 48 x 48 pixels, 36 tokens each. */
 extern const struct stress_recipe stress_recipe_base;
 
+/** The shipped model, with views of 64 tokens, as many as it was trained with. */
+extern const struct stress_recipe stress_recipe_shipped;
+
 struct stress_world {
 	struct stress_recipe recipe;
 	struct dvsm_model *model;
@@ -88,8 +91,8 @@ void stress_outcome_deinit(struct stress_outcome *outcome);
 struct stress_error {
 	size_t not_finite; /* numbers; the others are infinite when there are any */
 	double largest;    /* absolute difference */
-	double relative;   /* root mean square of the difference over that of `want` */
-	double psnr_db;    /* peak 1 */
+	double relative; /* root mean square of the difference over that of `want` (1/2 at least) */
+	double psnr_db;  /* peak 1 */
 };
 
 struct stress_error stress_compare(const float *got, const double *want, size_t count);
