@@ -58,11 +58,12 @@ static double processor_seconds(void)
 	return (double)now.tv_sec + (double)now.tv_nsec * 1e-9;
 }
 
-/* Pages of this process in memory; -1 where the system does not say. Must not allocate. */
+/* Pages of this process's own in memory: those of program files come and go by the dozen. -1 where
+ * the system does not say. Must not allocate. */
 static long resident_pages(void)
 {
 	char text[128];
-	long total, resident = -1;
+	long total, resident, shared;
 	int file = open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
 	ssize_t length = file >= 0 ? read(file, text, sizeof(text) - 1) : -1;
 
@@ -71,7 +72,8 @@ static long resident_pages(void)
 	if (length <= 0)
 		return -1;
 	text[length] = 0;
-	return sscanf(text, "%ld %ld", &total, &resident) == 2 ? resident : -1;
+	return sscanf(text, "%ld %ld %ld", &total, &resident, &shared) == 3 ? resident - shared
+									    : -1;
 }
 
 static void run_loop(struct dvsm_engine *engine, const struct dvsm_scene *scene,
