@@ -16,7 +16,8 @@ void dio_press_edge(struct dio_press_state *state, bool pressed, uint64_t time_n
 	if (time_ns < state->raw_ns)
 		time_ns = state->raw_ns;
 	/* The contact moved when the first edge came, however long it bounced. */
-	if (state->raw == state->level && pressed != state->level)
+	if (state->raw == state->level && pressed != state->level &&
+	    time_ns - state->raw_ns >= state->times.debounce_ns)
 		state->first_ns = time_ns;
 	state->raw = pressed;
 	state->raw_ns = time_ns;

@@ -28,7 +28,7 @@ struct dio_press_state {
 	enum dio_press_phase phase;
 	bool raw, level;      /* as last seen; as settled */
 	uint64_t raw_ns;      /* of the last edge */
-	uint64_t first_ns;    /* of the first edge since the settled level */
+	uint64_t first_ns;    /* of the first edge of a burst */
 	uint64_t down_ns;     /* when the (first) press began */
 	uint64_t released_ns; /* when it ended */
 };
