@@ -2,6 +2,7 @@
 #ifndef DIO_DIORAMA_COMMANDS_H
 #define DIO_DIORAMA_COMMANDS_H
 
+int dio_command_bench(int argc, char **argv);
 int dio_command_board(int argc, char **argv);
 int dio_command_capture(int argc, char **argv);
 int dio_command_calibrate(int argc, char **argv);

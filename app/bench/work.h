@@ -1,0 +1,56 @@
+/* What a measurement works on: a model, posed pictures, viewpoints, and what should come out. */
+#ifndef DIO_BENCH_WORK_H
+#define DIO_BENCH_WORK_H
+
+#include "bench/draw.h"
+#include "core/view.h"
+#include "dvsm/dvsm.h"
+
+/** Release with dio_work_deinit(). */
+struct dio_work {
+	struct dvsm_model *model;
+	char *model_name; /* for people */
+	char *scene_name;
+	uint32_t tokens_per_view; /* that the weights were trained with; 0: unknown */
+	struct dio_view_set views;
+	struct dvsm_view *context; /* the same for the engine, [views.context_count] */
+	float *pixels;             /* of all context pictures */
+	uint32_t pictures;         /* targets that have one */
+};
+
+/**
+ * Open what the user named and draw the rest.
+ *
+ * size    sizes of what is drawn
+ * model   a file, or NULL: drawn
+ * scene   scene.json or its folder, or NULL: `views` pictures are drawn
+ * work    zero-initialised
+ */
+enum dio_status dio_work_open(const struct dio_draw_size *size, const char *model,
+			      const char *scene, uint32_t views, struct dio_work *work,
+			      struct dio_error *error);
+void dio_work_deinit(struct dio_work *work);
+
+/** Index of the context view that takes place `at` when `views` of them are used: spread evenly. */
+uint32_t dio_work_pick(const struct dio_work *work, uint32_t views, uint32_t at);
+
+/**
+ * Leave the same work for other programs: `folder`/model.safetensors when the model was drawn, and
+ * for each number of views `folder`/vV/scene.json with those context views and all targets, the
+ * pictures beside it in `folder`/images.
+ */
+enum dio_status dio_work_save(const struct dio_work *work, const struct dio_draw_size *size,
+			      bool model_drawn, const uint32_t *views, uint32_t count,
+			      const char *folder, struct dio_error *error);
+
+/**
+ * What float64 makes of the work: folder/vV_pP.npy, [targets][height][width][3], the scene's
+ * targets in order or the first of them; NULL when there is no such file. Release with free().
+ *
+ * DIO_BAD_FILE  the file is not the one for these targets
+ */
+enum dio_status dio_work_read_reference(const struct dio_work *work, const char *folder,
+					uint32_t views, uint32_t patch_px, double **rgb,
+					uint32_t *targets, struct dio_error *error);
+
+#endif
