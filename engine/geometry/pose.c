@@ -210,19 +210,23 @@ enum dvsm_status dvsm_views_check(const struct dvsm_view *views, uint32_t count,
 	return DVSM_OK;
 }
 
-/* Sums over the context cameras: all that the normalisation's origin and axes depend on. */
+/*
+ * Sums over the context cameras: all that the normalisation's origin and axes depend on. Centres
+ * are taken from the first one's: cameras at one place far from the world's origin then have a mean
+ * that is that place to the last bit, and not a rig as wide as the rounding of a sum.
+ */
 struct rig_sums {
-	double centre[3], y_axis[3], z_axis[3];
+	double offset[3], y_axis[3], z_axis[3];
 };
 
-static void sums_add(struct rig_sums *sums, const double pose[16])
+static void sums_add(struct rig_sums *sums, const double pose[16], const double first[3])
 {
 	double centre[3], y[3], z[3];
 	camera_centre(pose, centre);
 	camera_axis(pose, 1, y);
 	camera_axis(pose, 2, z);
 	for (int i = 0; i < 3; i++) {
-		sums->centre[i] += centre[i];
+		sums->offset[i] += centre[i] - first[i];
 		sums->y_axis[i] += y[i];
 		sums->z_axis[i] += z[i];
 	}
@@ -276,14 +280,16 @@ static struct dvsm_normalisation compute(const struct dvsm_camera *first, size_t
 {
 	const char *base = (const char *)first;
 	struct rig_sums sums = {0};
+	double centre[3];
+	camera_centre(first->world_from_camera, centre);
 	for (uint32_t i = 0; i < count; i++) {
 		const void *camera = base + i * stride;
-		sums_add(&sums, ((const struct dvsm_camera *)camera)->world_from_camera);
+		sums_add(&sums, ((const struct dvsm_camera *)camera)->world_from_camera, centre);
 	}
 
 	struct dvsm_normalisation n;
 	for (int i = 0; i < 3; i++) {
-		n.origin[i] = sums.centre[i] / count;
+		n.origin[i] = centre[i] + sums.offset[i] / count;
 		sums.y_axis[i] /= count;
 		sums.z_axis[i] /= count;
 	}

@@ -56,6 +56,13 @@ static void rig_one_place(struct dvsm_view *views, uint32_t count, struct dvsm_c
 	}
 }
 
+static void rig_one_far_place(struct dvsm_view *views, uint32_t count, struct dvsm_camera *target,
+			      double amount)
+{
+	rig_one_place(views, count, target, 0);
+	rig_far_away(views, count, target, amount);
+}
+
 /* One camera over and over. */
 static void rig_one_camera(struct dvsm_view *views, uint32_t count, struct dvsm_camera *target,
 			   double amount)
@@ -229,6 +236,7 @@ static const struct extreme extremes[] = {
 	RIG("rig x1e-6", rig_scaled, 1e-6, LIMITS_USUAL),
 	RIG("rig x1e6", rig_scaled, 1e6, LIMITS_USUAL),
 	RIG("cameras at one place", rig_one_place, 0, LIMITS_USUAL),
+	RIG("cameras at one place, 1e8 away", rig_one_far_place, 1.1e8, LIMITS_USUAL),
 	RIG("cameras 4e-10 apart", rig_one_place, 4e-10, LIMITS_USUAL),
 	RIG("cameras 4e-9 apart", rig_one_place, 4e-9, LIMITS_USUAL),
 	RIG("one camera thrice", rig_one_camera, 0, LIMITS_USUAL),

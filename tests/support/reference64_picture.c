@@ -29,13 +29,14 @@ static double normalise(double a[3])
 	return length;
 }
 
+/* Counted from the first view's number: a mean of equal numbers is that number, however large. */
 static double mean_of_column(const struct dvsm_view *views, uint32_t count, int row, int column)
 {
-	double sum = 0;
+	double first = views[0].camera.world_from_camera[4 * row + column], sum = 0;
 
 	for (uint32_t v = 0; v < count; v++)
-		sum += views[v].camera.world_from_camera[4 * row + column];
-	return sum / count;
+		sum += views[v].camera.world_from_camera[4 * row + column] - first;
+	return first + sum / count;
 }
 
 /* axes (c - origin) */

@@ -155,6 +155,24 @@ static void a_single_camera_keeps_its_scale_and_becomes_the_frame(void **state)
 	assert_same_pose(&pose, &identity, 1e-15);
 }
 
+static void cameras_at_one_place_keep_their_scale_however_far_away(void **state)
+{
+	(void)state;
+	struct dvsm_camera rig[7];
+	for (unsigned count = 2; count <= 7; count++) {
+		for (double away = 1; away <= 1e12; away *= 10) {
+			const double eye[3] = {0.1 * away, 0.7 * away, -0.3 * away};
+			for (unsigned i = 0; i < count; i++) {
+				const double target[3] = {eye[0] + away, eye[1] + i * away, eye[2]};
+				rig[i] = rig_camera(eye, target);
+			}
+			struct dvsm_normalisation n = dvsm_normalisation_compute(rig, count);
+			assert_true(n.scale == 1);
+			assert_memory_equal(n.origin, eye, sizeof(eye));
+		}
+	}
+}
+
 static void a_sound_camera_passes(void **state)
 {
 	(void)state;
@@ -315,6 +333,7 @@ int main(void)
 		cmocka_unit_test(cameras_that_face_each_other_take_the_first_ones_axes),
 		cmocka_unit_test(a_mean_y_axis_along_z_takes_the_first_ones_axes),
 		cmocka_unit_test(a_single_camera_keeps_its_scale_and_becomes_the_frame),
+		cmocka_unit_test(cameras_at_one_place_keep_their_scale_however_far_away),
 		cmocka_unit_test(a_sound_camera_passes),
 		cmocka_unit_test(a_pose_that_is_not_rigid_is_refused),
 		cmocka_unit_test(intrinsics_out_of_range_are_refused),
