@@ -25,6 +25,7 @@ struct parser {
 	uint32_t line;          /* of the line inih is at */
 	char section[80];       /* "button capture" */
 	char kind[32];          /* "button" of [button NAME], else the section itself */
+	bool section_began;     /* any, well formed or not */
 	bool section_is_usable; /* known, and there is room for what it describes */
 	uint32_t button, led;   /* the one the section is about */
 };
@@ -154,6 +155,7 @@ static bool check_line(struct parser *parser, const char *line, size_t length)
 	}
 	if (*line == '[') {
 		close = memchr(line, ']', length);
+		parser->section_began = true;
 		parser->section_is_usable = false;
 		if (close)
 			begin_section(parser, line + 1, (size_t)(close - line - 1));
@@ -235,7 +237,7 @@ static int take(void *user, const char *section, const char *name, const char *v
 	struct parser *parser = user;
 
 	(void)section;
-	if (parser->section[0] == '\0')
+	if (!parser->section_began)
 		dio_profile_report_fault(parser->report, parser->line,
 					 "%s: stands before any [section]", name);
 	else if (parser->section_is_usable)
