@@ -250,11 +250,23 @@ static void name_section(char *text, size_t size, const char *kind, const char *
 	snprintf(text, size, "%s %s", kind, name);
 }
 
+/* Is one of the keys given, however badly? */
+static bool has_any(const struct dio_profile_report *report, const char *section,
+		    const char *const keys[])
+{
+	for (int i = 0; keys[i]; i++)
+		if (dio_profile_report_line(report, section, keys[i]))
+			return true;
+	return false;
+}
+
 /* What a press cannot ask for need not be waited for. */
 static void settle_button(struct dio_button_options *button,
 			  const struct dio_profile_presses *presses,
 			  struct dio_profile_report *report)
 {
+	static const char *const sources[] = {"line", "key", NULL};
+	static const char *const uses[] = {"short", "long", "double", NULL};
 	char section[64];
 	uint32_t line;
 
@@ -264,10 +276,10 @@ static void settle_button(struct dio_button_options *button,
 		button->long_ms = 0;
 	if (!presses->double_press)
 		button->double_ms = 0;
-	if (!button->line.chip[0] && !button->line.name[0] && !button->key)
+	if (!has_any(report, section, sources))
 		dio_profile_report_fault(report, line, "[%s]: neither line nor key is given",
 					 section);
-	if (!presses->short_press && !presses->long_press && !presses->double_press)
+	if (!has_any(report, section, uses))
 		dio_profile_report_fault(
 			report, line, "[%s]: does nothing; give it short, long or double", section);
 }
