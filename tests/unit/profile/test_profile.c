@@ -162,7 +162,7 @@ static void each_fault_is_told_with_its_line(void **state)
 		{"[button x]\nkey = hyper\nshort = play\nline = A\n", 2, "no key 'hyper'"},
 		{"[button x]\nline = A\nshort = play\n[led y]\nline = A\n", 5,
 		 "[button x] has it already"},
-		{"[button x234567890123456789012345678901]\nkey = f1\n", 1, "at most 31"},
+		{"[button x2345678901234567890123456789012]\nkey = f1\n", 1, "at most 31"},
 		{"[led x]\nidle = on\n", 1, "line is missing"},
 		{"[led x]\nline = A\nidle = dim\n", 3, "none of: off, on"},
 	};
