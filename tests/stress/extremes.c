@@ -2,162 +2,10 @@
 #include <math.h>
 #include <stdio.h>
 
+#include "stress/rigs.h"
 #include "stress/world.h"
 
 #define COUNT(array) (sizeof(array) / sizeof((array)[0]))
-
-/* ---- rigs ---- */
-
-/* The rig and its target by `amount` in all directions. */
-static void move(struct dvsm_camera *camera, double amount)
-{
-	for (int row = 0; row < 3; row++)
-		camera->world_from_camera[4 * row + 3] += amount * (row + 1);
-}
-
-static void rig_far_away(struct dvsm_view *views, uint32_t count, struct dvsm_camera *target,
-			 double amount)
-{
-	for (uint32_t v = 0; v < count; v++)
-		move(&views[v].camera, amount);
-	move(target, amount);
-}
-
-static void rig_far_target(struct dvsm_view *views, uint32_t count, struct dvsm_camera *target,
-			   double amount)
-{
-	(void)views;
-	(void)count;
-	move(target, amount);
-}
-
-static void scale(struct dvsm_camera *camera, double amount)
-{
-	for (int row = 0; row < 3; row++)
-		camera->world_from_camera[4 * row + 3] *= amount;
-}
-
-static void rig_scaled(struct dvsm_view *views, uint32_t count, struct dvsm_camera *target,
-		       double amount)
-{
-	for (uint32_t v = 0; v < count; v++)
-		scale(&views[v].camera, amount);
-	scale(target, amount);
-}
-
-/* All context cameras at one place, `amount` apart. */
-static void rig_one_place(struct dvsm_view *views, uint32_t count, struct dvsm_camera *target,
-			  double amount)
-{
-	(void)target;
-	for (uint32_t v = 0; v < count; v++) {
-		for (int row = 0; row < 3; row++)
-			views[v].camera.world_from_camera[4 * row + 3] = 1 + amount * v * row;
-	}
-}
-
-static void rig_one_far_place(struct dvsm_view *views, uint32_t count, struct dvsm_camera *target,
-			      double amount)
-{
-	rig_one_place(views, count, target, 0);
-	rig_far_away(views, count, target, amount);
-}
-
-/* One camera over and over. */
-static void rig_one_camera(struct dvsm_view *views, uint32_t count, struct dvsm_camera *target,
-			   double amount)
-{
-	(void)target;
-	(void)amount;
-	for (uint32_t v = 1; v < count; v++)
-		views[v].camera = views[0].camera;
-}
-
-/* Every camera turned about an axis of its own: 0 is x, 1 is y, 2 is z. */
-static void turn(struct dvsm_camera *camera, int axis, double angle)
-{
-	const int a = (axis + 1) % 3, b = (axis + 2) % 3;
-	double *pose = camera->world_from_camera, s = sin(angle), c = cos(angle);
-
-	for (int row = 0; row < 3; row++) {
-		double u = pose[4 * row + a], v = pose[4 * row + b];
-
-		pose[4 * row + a] = c * u + s * v;
-		pose[4 * row + b] = c * v - s * u;
-	}
-}
-
-/* Two cameras that look away from one another but for `amount`: the mean direction all but
- * vanishes. */
-static void rig_back_to_back(struct dvsm_view *views, uint32_t count, struct dvsm_camera *target,
-			     double amount)
-{
-	(void)target;
-	for (uint32_t v = 1; v < count; v++) {
-		double *centre = views[v].camera.world_from_camera;
-		const double kept[3] = {centre[3], centre[7], centre[11]};
-
-		views[v].camera = views[0].camera;
-		for (int row = 0; row < 3; row++)
-			centre[4 * row + 3] = kept[row];
-		turn(&views[v].camera, 1, v % 2 ? M_PI - amount : 0);
-	}
-}
-
-/* Cameras that look down along their mean y axis but for `amount`: x has hardly a direction. */
-static void rig_crossed(struct dvsm_view *views, uint32_t count, struct dvsm_camera *target,
-			double amount)
-{
-	(void)target;
-	for (uint32_t v = 0; v < count; v++) {
-		double *pose = views[v].camera.world_from_camera;
-		const double s = sin(amount * (v + 1)), c = cos(amount * (v + 1));
-		/* By turns y and z, z and y, so that both means point the same way. */
-		const double even[9] = {c, 0, s, -s, 0, c, 0, -1, 0};
-		const double odd[9] = {-c, s, 0, s, c, 0, 0, 0, -1};
-
-		for (int i = 0; i < 9; i++)
-			pose[4 * (i / 3) + i % 3] = v % 2 ? odd[i] : even[i];
-	}
-}
-
-/* As far off a rotation as the engine takes. */
-static void rig_bent(struct dvsm_view *views, uint32_t count, struct dvsm_camera *target,
-		     double amount)
-{
-	(void)target;
-	for (uint32_t v = 0; v < count; v++)
-		views[v].camera.world_from_camera[0] += v % 2 ? amount : -amount;
-}
-
-static void rig_long_lens(struct dvsm_view *views, uint32_t count, struct dvsm_camera *target,
-			  double amount)
-{
-	for (uint32_t v = 0; v < count; v++)
-		views[v].camera.fx = views[v].camera.fy = amount * views[v].camera.width;
-	target->fx = target->fy = amount * target->width;
-}
-
-static void rig_shifted_lens(struct dvsm_view *views, uint32_t count, struct dvsm_camera *target,
-			     double amount)
-{
-	for (uint32_t v = 0; v < count; v++)
-		views[v].camera.cx = amount * views[v].camera.width;
-	target->cy = -amount * target->height;
-}
-
-/* Pictures of very different sizes: 1 x 1, one row, one column. */
-static void rig_slivers(struct dvsm_view *views, uint32_t count, struct dvsm_camera *target,
-			double amount)
-{
-	(void)amount;
-	for (uint32_t v = 0; v < count; v++) {
-		views[v].camera.width = v % 2 ? 1 : 61;
-		views[v].camera.height = v % 3 ? 1 : 37;
-	}
-	target->width = 1;
-	target->height = 53;
-}
 
 /* ---- the cases ---- */
 
@@ -184,6 +32,7 @@ struct extreme {
 	enum stress_picture picture;
 	uint32_t views; /* 0: as in the base */
 	uint32_t patch_px;
+	const struct dvsm_model_config *config; /* NULL: as in the base */
 	struct limits limits;
 };
 
@@ -196,10 +45,26 @@ struct extreme {
 	{                                                                                          \
 		.name = (text), .rig = (function), .rig_amount = (amount), .limits = __VA_ARGS__   \
 	}
+#define SHAPE(text, sizes, patch, ...)                                                             \
+	{                                                                                          \
+		.name = (text), .config = &(sizes), .patch_px = (patch), .limits = __VA_ARGS__     \
+	}
 #define PICTURES(text, what, ...)                                                                  \
 	{                                                                                          \
 		.name = (text), .picture = (what), .limits = __VA_ARGS__                           \
 	}
+
+/* Sizes that no tile and no vector fits: dim, heads, layers, patch, mlp_ratio, prior, epsilon. */
+static const struct dvsm_model_config shape_1 = {1, 1, 2, 4, 1, 0, 1e-6, false};
+static const struct dvsm_model_config shape_heads_of_1 = {6, 6, 2, 4, 2, 0, 1e-6, false};
+static const struct dvsm_model_config shape_33 = {33, 3, 2, 5, 3, 0, 1e-6, false};
+static const struct dvsm_model_config shape_one_head = {257, 1, 2, 8, 1, 0, 1e-6, false};
+static const struct dvsm_model_config shape_wide_mlp = {48, 3, 2, 8, 64, 0, 1e-6, false};
+static const struct dvsm_model_config shape_patch_1 = {64, 2, 2, 1, 4, 0, 1e-6, false};
+static const struct dvsm_model_config shape_patch_64 = {64, 2, 1, 64, 4, 0, 1e-6, false};
+static const struct dvsm_model_config shape_sigmoid = {64, 2, 3, 8, 4, 0, 1e-6, true};
+static const struct dvsm_model_config shape_small_epsilon = {64, 2, 3, 8, 4, 0, 1e-30, false};
+static const struct dvsm_model_config shape_large_epsilon = {64, 2, 3, 8, 4, 0, 0.1, false};
 
 static const struct extreme extremes[] = {
 	WEIGHTS("plain", NULL, 0, LIMITS_USUAL),
@@ -229,50 +94,60 @@ static const struct extreme extremes[] = {
 	PICTURES("all 2", STRESS_HIGHEST, LIMITS_USUAL),
 	PICTURES("speckled", STRESS_SPECKLED, LIMITS_USUAL),
 	PICTURES("all equal", STRESS_EQUAL, LIMITS_USUAL),
-	RIG("rig 1e6 away", rig_far_away, 1e6, LIMITS_USUAL),
-	RIG("target 1e3 rigs away", rig_far_target, 1e3, LIMITS_USUAL),
-	RIG("target 1e6 rigs away", rig_far_target, 1e6, LIMITS_USUAL),
-	RIG("target 1e8 rigs away", rig_far_target, 1e8, LIMITS_USUAL),
-	RIG("rig x1e-6", rig_scaled, 1e-6, LIMITS_USUAL),
-	RIG("rig x1e6", rig_scaled, 1e6, LIMITS_USUAL),
-	RIG("cameras at one place", rig_one_place, 0, LIMITS_USUAL),
-	RIG("cameras at one place, 1e8 away", rig_one_far_place, 1.1e8, LIMITS_USUAL),
-	RIG("cameras 4e-10 apart", rig_one_place, 4e-10, LIMITS_USUAL),
-	RIG("cameras 4e-9 apart", rig_one_place, 4e-9, LIMITS_USUAL),
-	RIG("one camera thrice", rig_one_camera, 0, LIMITS_USUAL),
-	RIG("bent rotations", rig_bent, 4e-4, LIMITS_USUAL),
-	RIG("focal length 1e5 widths", rig_long_lens, 1e5, LIMITS_USUAL),
-	RIG("focal length 1e-5 widths", rig_long_lens, 1e-5, LIMITS_USUAL),
-	RIG("principal point 1e5 widths off", rig_shifted_lens, 1e5, LIMITS_USUAL),
-	RIG("slivers", rig_slivers, 0, LIMITS_USUAL),
+	RIG("rig 1e6 away", stress_rig_far_away, 1e6, LIMITS_USUAL),
+	RIG("target 1e3 rigs away", stress_rig_far_target, 1e3, LIMITS_USUAL),
+	RIG("target 1e6 rigs away", stress_rig_far_target, 1e6, LIMITS_USUAL),
+	RIG("target 1e8 rigs away", stress_rig_far_target, 1e8, LIMITS_USUAL),
+	RIG("rig x1e-6", stress_rig_scaled, 1e-6, LIMITS_USUAL),
+	RIG("rig x1e6", stress_rig_scaled, 1e6, LIMITS_USUAL),
+	RIG("cameras at one place", stress_rig_one_place, 0, LIMITS_USUAL),
+	RIG("cameras at one place, 1e8 away", stress_rig_one_far_place, 1.1e8, LIMITS_USUAL),
+	RIG("cameras 4e-10 apart", stress_rig_one_place, 4e-10, LIMITS_USUAL),
+	RIG("cameras 4e-9 apart", stress_rig_one_place, 4e-9, LIMITS_USUAL),
+	RIG("one camera thrice", stress_rig_one_camera, 0, LIMITS_USUAL),
+	RIG("bent rotations", stress_rig_bent, 4e-4, LIMITS_USUAL),
+	RIG("focal length 1e5 widths", stress_rig_long_lens, 1e5, LIMITS_USUAL),
+	RIG("focal length 1e-5 widths", stress_rig_long_lens, 1e-5, LIMITS_USUAL),
+	RIG("principal point 1e5 widths off", stress_rig_shifted_lens, 1e5, LIMITS_USUAL),
+	RIG("slivers", stress_rig_slivers, 0, LIMITS_USUAL),
 	{.name = "mean axis 1e-3",
-	 .rig = rig_back_to_back,
+	 .rig = stress_rig_back_to_back,
 	 .rig_amount = 2e-3,
 	 .views = 4,
 	 .limits = LIMITS_USUAL},
 	{.name = "mean axis 1e-5",
-	 .rig = rig_back_to_back,
+	 .rig = stress_rig_back_to_back,
 	 .rig_amount = 2e-5,
 	 .views = 4,
 	 .limits = LIMITS_USUAL},
 	{.name = "mean axis 0",
-	 .rig = rig_back_to_back,
+	 .rig = stress_rig_back_to_back,
 	 .rig_amount = 0,
 	 .views = 4,
 	 .limits = LIMITS_USUAL},
 	{.name = "mean y along mean z, 1e-4",
-	 .rig = rig_crossed,
+	 .rig = stress_rig_crossed,
 	 .rig_amount = 1e-4,
 	 .views = 2,
 	 .limits = LIMITS_USUAL},
 	{.name = "mean y along mean z",
-	 .rig = rig_crossed,
+	 .rig = stress_rig_crossed,
 	 .rig_amount = 0,
 	 .views = 2,
 	 .limits = LIMITS_USUAL},
+	SHAPE("dim 1", shape_1, 8, LIMITS_USUAL),
+	SHAPE("heads of 1", shape_heads_of_1, 8, LIMITS_USUAL),
+	SHAPE("dim 33, patch 5", shape_33, 8, LIMITS_USUAL),
+	SHAPE("dim 257, one head", shape_one_head, 0, LIMITS_USUAL),
+	SHAPE("mlp_ratio 64", shape_wide_mlp, 0, LIMITS_USUAL),
+	SHAPE("patch 1", shape_patch_1, 8, LIMITS_USUAL),
+	SHAPE("patch 64", shape_patch_64, 8, LIMITS_USUAL),
+	SHAPE("sigmoid", shape_sigmoid, 0, LIMITS_USUAL),
+	SHAPE("epsilon 1e-30", shape_small_epsilon, 0, LIMITS_USUAL),
+	SHAPE("epsilon 0.1", shape_large_epsilon, 0, LIMITS_USUAL),
 	{.name = "one view", .views = 1, .limits = LIMITS_USUAL},
 	{.name = "one token a view", .views = 2, .patch_px = 256, .limits = LIMITS_USUAL},
-	{.name = "patch 1", .views = 2, .patch_px = 3, .limits = LIMITS_USUAL},
+	{.name = "stage patch 3", .views = 2, .patch_px = 3, .limits = LIMITS_USUAL},
 };
 
 static struct stress_recipe recipe_of(const struct extreme *extreme,
@@ -281,6 +156,7 @@ static struct stress_recipe recipe_of(const struct extreme *extreme,
 	struct stress_recipe recipe = *base;
 
 	recipe.name = extreme->name;
+	recipe.config = extreme->config ? *extreme->config : recipe.config;
 	recipe.twist = extreme->twist;
 	recipe.twist_amount = extreme->twist_amount;
 	recipe.rig = extreme->rig;
@@ -462,7 +338,7 @@ void stress_extremes(const struct stress_job *job)
 	for (size_t i = 0; i < COUNT(extremes); i++) {
 		check_extreme(job, &extremes[i], &stress_recipe_base);
 		/* Its weights are what they are; a minute has no room for it. */
-		if (!job->quick && !extremes[i].twist)
+		if (!job->quick && !extremes[i].twist && !extremes[i].config)
 			check_extreme(job, &extremes[i], &stress_recipe_shipped);
 	}
 }
