@@ -19,6 +19,7 @@ struct dio_camera_ops {
 	/* NULL: no controls. `wish` NULL: only read. */
 	enum dio_status (*control)(struct dio_camera *camera, const struct dio_camera_wish *wish,
 				   struct dio_camera_controls *controls, struct dio_error *error);
+	int (*dmabuf)(struct dio_camera *camera); /* NULL: none */
 };
 
 /** Embedded as the first member of each backend's own object. */

@@ -104,6 +104,11 @@ const char *dio_camera_get_frame_name(const struct dio_camera *camera)
 	return camera->frame_name;
 }
 
+int dio_camera_get_dmabuf(struct dio_camera *camera)
+{
+	return camera->ops->dmabuf ? camera->ops->dmabuf(camera) : -1;
+}
+
 void dio_camera_get_info(const struct dio_camera *camera, struct dio_camera_info *info)
 {
 	*info = camera->info;

@@ -180,7 +180,13 @@ static enum dio_status sim_control(struct dio_camera *camera, const struct dio_c
 	return DIO_OK;
 }
 
-static const struct dio_camera_ops ops = {sim_start, sim_stop, sim_acquire, sim_close, sim_control};
+static const struct dio_camera_ops ops = {
+	.start = sim_start,
+	.stop = sim_stop,
+	.acquire = sim_acquire,
+	.close = sim_close,
+	.control = sim_control,
+};
 
 bool dio_sim_camera_get_truth(const struct dio_camera *camera, struct dio_sim_camera *truth)
 {

@@ -8,52 +8,39 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
 
-#include "v4l2_format.h"
+#include "v4l2_controls.h"
+#include "v4l2_queue.h"
+#include "v4l2_signal.h"
 
-#define BUFFERS_WISHED 4
-#define BUFFERS_MIN    2
-#define BUFFERS_MAX    32
-#define NS_PER_S       1000000000u
+#define NS_PER_S 1000000000u
 /* A starved queue whose newest frame is this many periods old holds the past: wait for a new one.
  */
 #define STALE_PERIODS 4
-
-struct mapping {
-	void *memory;
-	size_t size;
-};
-
-/* A filled buffer taken from the driver, single- and multi-planar alike. */
-struct taken {
-	uint32_t index, flags, sequence;
-	size_t offset, bytes;
-	uint64_t timestamp_ns;
-};
+/* How often a driver that delivers is asked whether its input has a signal at all. */
+#define SIGNAL_PERIOD_NS (NS_PER_S / 2)
 
 struct v4l2_camera {
 	struct dio_camera base; /* first */
 	char path[88];
 	struct dio_v4l2_device device;
 	struct dio_v4l2_format format;
-	struct mapping buffers[BUFFERS_MAX];
-	uint32_t buffer_count; /* mapped so far: a half-open camera closes like any other */
-	bool holds;            /* a frame is lent to the caller */
-	uint32_t held;         /* its buffer */
-	bool gone;             /* unplugged: nothing but close works */
-	bool sequenced;        /* last_sequence is valid */
+	struct dio_v4l2_queue queue;
+	bool holds;     /* a frame is lent to the caller */
+	uint32_t held;  /* its buffer */
+	bool gone;      /* unplugged: nothing but close works */
+	bool sequenced; /* last_sequence is valid */
 	uint32_t last_sequence;
+	bool holding;                       /* exposure and the rest are to be held */
+	bool silent;                        /* the input had no signal when looked at last */
+	bool events;                        /* the driver tells of changes of the signal */
+	uint64_t signal_ns;                 /* when the signal was looked at last */
+	struct dio_frame_metadata metadata; /* as last read */
 };
 
 static struct v4l2_camera *self(struct dio_camera *camera)
 {
 	return (struct v4l2_camera *)camera;
-}
-
-static bool is_multiplanar(const struct v4l2_camera *v4l2)
-{
-	return v4l2->device.buffer_type == V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE;
 }
 
 static enum dio_status fail_gone(struct v4l2_camera *v4l2, struct dio_error *error)
@@ -64,34 +51,11 @@ static enum dio_status fail_gone(struct v4l2_camera *v4l2, struct dio_error *err
 			v4l2->path, v4l2->base.counters.delivered);
 }
 
-static enum dio_status fail_call(struct v4l2_camera *v4l2, const char *what,
+/* A device that is gone stays so, and the line says how far it came. */
+static enum dio_status note_gone(struct v4l2_camera *v4l2, enum dio_status status,
 				 struct dio_error *error)
 {
-	int cause = errno;
-
-	if (cause == ENODEV)
-		return fail_gone(v4l2, error);
-	if (cause == EBUSY)
-		return dio_fail(error, DIO_BUSY,
-				"camera %s: in use by another process; close that one first",
-				v4l2->path);
-	return dio_fail(error, dio_status_from_errno(cause), "camera %s: %s failed: %s", v4l2->path,
-			what, strerror(cause));
-}
-
-/* A zeroed v4l2_buffer; the plane array stands in for the single plane of a multi-planar device. */
-static void buffer_init(const struct v4l2_camera *v4l2, struct v4l2_buffer *buffer,
-			struct v4l2_plane *plane, uint32_t index)
-{
-	memset(buffer, 0, sizeof(*buffer));
-	memset(plane, 0, sizeof(*plane));
-	buffer->type = v4l2->device.buffer_type;
-	buffer->memory = V4L2_MEMORY_MMAP;
-	buffer->index = index;
-	if (is_multiplanar(v4l2)) {
-		buffer->m.planes = plane;
-		buffer->length = 1;
-	}
+	return status == DIO_GONE ? fail_gone(v4l2, error) : status;
 }
 
 static enum dio_status open_device(struct v4l2_camera *v4l2, struct dio_error *error)
@@ -115,7 +79,7 @@ static enum dio_status open_device(struct v4l2_camera *v4l2, struct dio_error *e
 				"camera %s: not permitted; add the user to the group `video`",
 				v4l2->path);
 	default:
-		return fail_call(v4l2, "open", error);
+		return dio_v4l2_fail_call(&v4l2->device, "open", error);
 	}
 }
 
@@ -126,7 +90,7 @@ static enum dio_status check_device(struct v4l2_camera *v4l2, struct dio_error *
 
 	if (dio_v4l2_ioctl(&v4l2->device, VIDIOC_QUERYCAP, &cap) != 0) {
 		if (errno != ENOTTY && errno != EINVAL)
-			return fail_call(v4l2, "VIDIOC_QUERYCAP", error);
+			return dio_v4l2_fail_call(&v4l2->device, "VIDIOC_QUERYCAP", error);
 		return dio_fail(error, DIO_UNSUPPORTED, "camera %s: not a V4L2 device", v4l2->path);
 	}
 	/* `capabilities` speaks of the whole device, `device_caps` of this node. */
@@ -146,99 +110,6 @@ static enum dio_status check_device(struct v4l2_camera *v4l2, struct dio_error *
 	return DIO_OK;
 }
 
-static enum dio_status map_buffer(struct v4l2_camera *v4l2, uint32_t index, struct dio_error *error)
-{
-	const struct dio_v4l2_system *system = v4l2->device.system;
-	struct mapping *mapping = &v4l2->buffers[index];
-	struct v4l2_plane plane;
-	struct v4l2_buffer buffer;
-	off_t offset;
-
-	buffer_init(v4l2, &buffer, &plane, index);
-	if (dio_v4l2_ioctl(&v4l2->device, VIDIOC_QUERYBUF, &buffer) != 0)
-		return fail_call(v4l2, "VIDIOC_QUERYBUF", error);
-	mapping->size = is_multiplanar(v4l2) ? plane.length : buffer.length;
-	offset = is_multiplanar(v4l2) ? plane.m.mem_offset : buffer.m.offset;
-	if (mapping->size < v4l2->format.frame_bytes_min)
-		return dio_fail(error, DIO_UNSUPPORTED,
-				"camera %s: buffers of %zu bytes, a frame takes %zu", v4l2->path,
-				mapping->size, v4l2->format.frame_bytes_min);
-	mapping->memory = system->map(system->context, mapping->size, v4l2->device.fd, offset);
-	if (mapping->memory == MAP_FAILED)
-		return fail_call(v4l2, "mmap", error);
-	v4l2->buffer_count = index + 1;
-	return DIO_OK;
-}
-
-static enum dio_status map_buffers(struct v4l2_camera *v4l2, struct dio_error *error)
-{
-	struct v4l2_requestbuffers request = {
-		.count = BUFFERS_WISHED,
-		.type = v4l2->device.buffer_type,
-		.memory = V4L2_MEMORY_MMAP,
-	};
-
-	if (dio_v4l2_ioctl(&v4l2->device, VIDIOC_REQBUFS, &request) != 0)
-		return fail_call(v4l2, "VIDIOC_REQBUFS", error);
-	if (request.count < BUFFERS_MIN)
-		return dio_fail(error, DIO_NO_MEM, "camera %s: got %u buffers, %u are needed",
-				v4l2->path, request.count, BUFFERS_MIN);
-	if (request.count > BUFFERS_MAX)
-		request.count = BUFFERS_MAX;
-	for (uint32_t i = 0; i < request.count; i++) {
-		enum dio_status status = map_buffer(v4l2, i, error);
-
-		if (status != DIO_OK)
-			return status;
-	}
-	return DIO_OK;
-}
-
-static enum dio_status enqueue(struct v4l2_camera *v4l2, uint32_t index, struct dio_error *error)
-{
-	struct v4l2_plane plane;
-	struct v4l2_buffer buffer;
-
-	buffer_init(v4l2, &buffer, &plane, index);
-	if (dio_v4l2_ioctl(&v4l2->device, VIDIOC_QBUF, &buffer) != 0)
-		return fail_call(v4l2, "VIDIOC_QBUF", error);
-	return DIO_OK;
-}
-
-/* DIO_AGAIN when no buffer is filled. */
-static enum dio_status dequeue(struct v4l2_camera *v4l2, struct taken *taken,
-			       struct dio_error *error)
-{
-	const struct dio_v4l2_system *system = v4l2->device.system;
-	struct v4l2_plane plane;
-	struct v4l2_buffer buffer;
-
-	buffer_init(v4l2, &buffer, &plane, 0);
-	if (dio_v4l2_ioctl(&v4l2->device, VIDIOC_DQBUF, &buffer) != 0) {
-		if (errno == EAGAIN)
-			return DIO_AGAIN;
-		if (errno == EPIPE)
-			return DIO_END;
-		return fail_call(v4l2, "VIDIOC_DQBUF", error);
-	}
-	if (buffer.index >= v4l2->buffer_count)
-		return dio_fail(error, DIO_IO, "camera %s: the driver handed out buffer %u of %u",
-				v4l2->path, buffer.index, v4l2->buffer_count);
-	*taken = (struct taken){
-		.index = buffer.index,
-		.flags = buffer.flags,
-		.sequence = buffer.sequence,
-		.offset = is_multiplanar(v4l2) ? plane.data_offset : 0,
-		.bytes = is_multiplanar(v4l2) ? plane.bytesused : buffer.bytesused,
-	};
-	if ((buffer.flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) == V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC)
-		taken->timestamp_ns = (uint64_t)buffer.timestamp.tv_sec * NS_PER_S +
-				      (uint64_t)buffer.timestamp.tv_usec * 1000;
-	else
-		taken->timestamp_ns = system->now_ns(system->context);
-	return DIO_OK;
-}
-
 static void count_gap(struct v4l2_camera *v4l2, uint32_t sequence)
 {
 	/* Modulo 2^32; a step back means that the driver began anew. */
@@ -250,9 +121,9 @@ static void count_gap(struct v4l2_camera *v4l2, uint32_t sequence)
 	v4l2->last_sequence = sequence;
 }
 
-static bool is_broken(const struct v4l2_camera *v4l2, const struct taken *taken)
+static bool is_broken(const struct v4l2_camera *v4l2, const struct dio_v4l2_taken *taken)
 {
-	size_t room = v4l2->buffers[taken->index].size;
+	size_t room = v4l2->queue.buffers[taken->index].size;
 
 	return (taken->flags & V4L2_BUF_FLAG_ERROR) || taken->bytes > room ||
 	       taken->offset > taken->bytes ||
@@ -265,28 +136,28 @@ static bool is_broken(const struct v4l2_camera *v4l2, const struct taken *taken)
  *
  * starved  set when the driver had no buffer left to fill
  */
-static enum dio_status take_ready(struct v4l2_camera *v4l2, struct taken *newest, bool *starved,
-				  struct dio_error *error)
+static enum dio_status take_ready(struct v4l2_camera *v4l2, struct dio_v4l2_taken *newest,
+				  bool *starved, struct dio_error *error)
 {
 	enum dio_status status = DIO_OK;
 	bool found = false;
 
 	*starved = false;
-	for (uint32_t round = 0; round < v4l2->buffer_count; round++) {
-		struct taken taken;
+	for (uint32_t round = 0; round < v4l2->queue.count; round++) {
+		struct dio_v4l2_taken taken;
 
-		status = dequeue(v4l2, &taken, error);
+		status = dio_v4l2_queue_take(&v4l2->queue, &taken, error);
 		if (status != DIO_OK)
 			break;
 		/* All were filled but the one the caller gave back just now. */
-		*starved = round + 2 >= v4l2->buffer_count;
+		*starved = round + 2 >= v4l2->queue.count;
 		count_gap(v4l2, taken.sequence);
 		if (is_broken(v4l2, &taken)) {
 			v4l2->base.counters.broken++;
-			status = enqueue(v4l2, taken.index, error);
+			status = dio_v4l2_queue_put(&v4l2->queue, taken.index, error);
 		} else if (found) {
 			v4l2->base.counters.drained++;
-			status = enqueue(v4l2, newest->index, error);
+			status = dio_v4l2_queue_put(&v4l2->queue, newest->index, error);
 			*newest = taken;
 		} else {
 			found = true;
@@ -301,7 +172,8 @@ static enum dio_status take_ready(struct v4l2_camera *v4l2, struct taken *newest
 }
 
 /* After a pause the queue holds old frames, and the driver had nowhere to put new ones. */
-static bool is_stale(const struct v4l2_camera *v4l2, const struct taken *newest, bool starved)
+static bool is_stale(const struct v4l2_camera *v4l2, const struct dio_v4l2_taken *newest,
+		     bool starved)
 {
 	const struct dio_v4l2_system *system = v4l2->device.system;
 	double fps = v4l2->format.frames_per_second;
@@ -316,7 +188,8 @@ static enum dio_status wait_ready(struct v4l2_camera *v4l2, uint64_t deadline_ns
 				  struct dio_error *error)
 {
 	const struct dio_v4l2_system *system = v4l2->device.system;
-	struct pollfd fd = {.fd = v4l2->device.fd, .events = POLLIN};
+	struct pollfd fd = {.fd = v4l2->device.fd,
+			    .events = (short)(v4l2->events ? POLLIN | POLLPRI : POLLIN)};
 	uint64_t now = system->now_ns(system->context);
 	uint64_t left_ms = now < deadline_ns ? (deadline_ns - now + 999999) / 1000000 : 0;
 	int n;
@@ -325,14 +198,18 @@ static enum dio_status wait_ready(struct v4l2_camera *v4l2, uint64_t deadline_ns
 		return DIO_AGAIN;
 	n = system->poll(system->context, &fd, left_ms > INT32_MAX ? INT32_MAX : (int)left_ms);
 	if (n < 0)
-		return errno == EINTR ? DIO_OK : fail_call(v4l2, "poll", error);
-	if (n > 0 && !(fd.revents & POLLIN)) {
+		return errno == EINTR ? DIO_OK : dio_v4l2_fail_call(&v4l2->device, "poll", error);
+	if (n > 0 && (fd.revents & POLLPRI) && dio_v4l2_signal_has_changed(&v4l2->device))
+		return dio_fail(error, DIO_REFUSED,
+				"camera %s: the signal has changed its size; open it again",
+				v4l2->path);
+	if (n > 0 && !(fd.revents & (POLLIN | POLLPRI))) {
 		/* POLLERR or POLLHUP: the next DQBUF knows why; when it does not, stop here. */
-		struct taken taken;
-		enum dio_status status = dequeue(v4l2, &taken, error);
+		struct dio_v4l2_taken taken;
+		enum dio_status status = dio_v4l2_queue_take(&v4l2->queue, &taken, error);
 
 		if (status == DIO_OK)
-			return enqueue(v4l2, taken.index, error);
+			return dio_v4l2_queue_put(&v4l2->queue, taken.index, error);
 		if (status != DIO_AGAIN)
 			return status;
 		if (fd.revents & POLLHUP)
@@ -356,9 +233,10 @@ static enum dio_status fail_timeout(const struct v4l2_camera *v4l2, int64_t time
 			v4l2->base.counters.broken);
 }
 
-static void lend(struct v4l2_camera *v4l2, const struct taken *taken, struct dio_frame *frame)
+static void lend(struct v4l2_camera *v4l2, const struct dio_v4l2_taken *taken,
+		 struct dio_frame *frame)
 {
-	const uint8_t *memory = v4l2->buffers[taken->index].memory;
+	const uint8_t *memory = v4l2->queue.buffers[taken->index].memory;
 
 	v4l2->holds = true;
 	v4l2->held = taken->index;
@@ -371,33 +249,27 @@ static void lend(struct v4l2_camera *v4l2, const struct taken *taken, struct dio
 		.sequence = taken->sequence,
 		.data = memory + taken->offset,
 		.size_bytes = taken->bytes - taken->offset,
+		.metadata = v4l2->metadata,
 	};
 }
 
-static enum dio_status v4l2_acquire(struct dio_camera *camera, struct dio_frame *frame,
-				    int64_t timeout_ns, struct dio_error *error)
+/* Give back what was lent, then wait for a frame. */
+static enum dio_status wait_frame(struct v4l2_camera *v4l2, struct dio_frame *frame,
+				  uint64_t deadline_ns, struct dio_error *error)
 {
-	struct v4l2_camera *v4l2 = self(camera);
-	const struct dio_v4l2_system *system = v4l2->device.system;
-	uint64_t deadline_ns = system->now_ns(system->context) + (uint64_t)timeout_ns;
-	enum dio_status status;
+	enum dio_status status = DIO_OK;
 
-	if (v4l2->gone)
-		return fail_gone(v4l2, error);
-	if (v4l2->holds) {
-		v4l2->holds = false;
-		status = enqueue(v4l2, v4l2->held, error);
-		if (status != DIO_OK)
-			return status;
-	}
-	for (;;) {
-		struct taken newest = {0};
+	if (v4l2->holds)
+		status = dio_v4l2_queue_put(&v4l2->queue, v4l2->held, error);
+	v4l2->holds = false;
+	while (status == DIO_OK) {
+		struct dio_v4l2_taken newest = {0};
 		bool starved;
 
 		status = take_ready(v4l2, &newest, &starved, error);
 		if (status == DIO_OK && is_stale(v4l2, &newest, starved)) {
-			camera->counters.drained++;
-			status = enqueue(v4l2, newest.index, error);
+			v4l2->base.counters.drained++;
+			status = dio_v4l2_queue_put(&v4l2->queue, newest.index, error);
 			if (status != DIO_OK)
 				return status;
 			status = DIO_AGAIN;
@@ -408,11 +280,67 @@ static enum dio_status v4l2_acquire(struct dio_camera *camera, struct dio_frame 
 		}
 		if (status == DIO_AGAIN)
 			status = wait_ready(v4l2, deadline_ns, error);
-		if (status == DIO_AGAIN)
-			return fail_timeout(v4l2, timeout_ns, error);
-		if (status != DIO_OK)
-			return status;
 	}
+	return status;
+}
+
+/* Receivers deliver noise or a blue picture where there is no signal: those are no frames. */
+static enum dio_status check_signal(struct v4l2_camera *v4l2, bool got_frame,
+				    struct dio_error *error)
+{
+	const struct dio_v4l2_system *system = v4l2->device.system;
+	uint64_t now = system->now_ns(system->context);
+
+	if (got_frame && !v4l2->silent && now < v4l2->signal_ns + SIGNAL_PERIOD_NS)
+		return DIO_OK;
+	v4l2->signal_ns = now;
+	v4l2->silent = dio_v4l2_signal_check(&v4l2->device, error) == DIO_NO_SIGNAL;
+	return v4l2->silent ? DIO_NO_SIGNAL : DIO_OK;
+}
+
+static enum dio_status v4l2_acquire(struct dio_camera *camera, struct dio_frame *frame,
+				    int64_t timeout_ns, struct dio_error *error)
+{
+	struct v4l2_camera *v4l2 = self(camera);
+	const struct dio_v4l2_system *system = v4l2->device.system;
+	uint64_t deadline_ns = system->now_ns(system->context) + (uint64_t)timeout_ns;
+	struct dio_frame taken = {0};
+	enum dio_status status;
+
+	if (v4l2->gone)
+		return fail_gone(v4l2, error);
+	status = wait_frame(v4l2, &taken, deadline_ns, error);
+	if (status != DIO_OK && status != DIO_AGAIN)
+		return note_gone(v4l2, status, error);
+	if (check_signal(v4l2, status == DIO_OK, error) == DIO_NO_SIGNAL)
+		return DIO_NO_SIGNAL;
+	if (status == DIO_AGAIN)
+		return fail_timeout(v4l2, timeout_ns, error);
+	*frame = taken;
+	return DIO_OK;
+}
+
+static enum dio_status v4l2_control(struct dio_camera *camera, const struct dio_camera_wish *wish,
+				    struct dio_camera_controls *controls, struct dio_error *error)
+{
+	struct v4l2_camera *v4l2 = self(camera);
+	enum dio_status status;
+
+	if (v4l2->gone)
+		return fail_gone(v4l2, error);
+	if (wish)
+		v4l2->holding = wish->hold;
+	status = dio_v4l2_control(&v4l2->device, wish, v4l2->holding, controls, error);
+	if (status == DIO_OK)
+		v4l2->metadata = controls->metadata;
+	return note_gone(v4l2, status, error);
+}
+
+static int v4l2_dmabuf(struct dio_camera *camera)
+{
+	struct v4l2_camera *v4l2 = self(camera);
+
+	return v4l2->holds ? dio_v4l2_queue_export(&v4l2->queue, v4l2->held) : -1;
 }
 
 static enum dio_status v4l2_start(struct dio_camera *camera, struct dio_error *error)
@@ -424,10 +352,10 @@ static enum dio_status v4l2_start(struct dio_camera *camera, struct dio_error *e
 	if (v4l2->gone)
 		return fail_gone(v4l2, error);
 	v4l2->sequenced = false;
-	for (uint32_t i = 0; i < v4l2->buffer_count && status == DIO_OK; i++)
-		status = enqueue(v4l2, i, error);
+	for (uint32_t i = 0; i < v4l2->queue.count && status == DIO_OK; i++)
+		status = dio_v4l2_queue_put(&v4l2->queue, i, error);
 	if (status != DIO_OK)
-		return status;
+		return note_gone(v4l2, status, error);
 	if (dio_v4l2_ioctl(&v4l2->device, VIDIOC_STREAMON, &type) == 0)
 		return DIO_OK;
 	if (errno == ENOSPC)
@@ -438,10 +366,10 @@ static enum dio_status v4l2_start(struct dio_camera *camera, struct dio_error *e
 			v4l2->path, dio_pixel_format_name(v4l2->format.format), v4l2->format.width,
 			v4l2->format.height);
 	else
-		status = fail_call(v4l2, "VIDIOC_STREAMON", error);
+		status = dio_v4l2_fail_call(&v4l2->device, "VIDIOC_STREAMON", error);
 	/* Takes the buffers back, so that a later start can queue them again. */
 	dio_v4l2_ioctl(&v4l2->device, VIDIOC_STREAMOFF, &type);
-	return status;
+	return note_gone(v4l2, status, error);
 }
 
 static enum dio_status v4l2_stop(struct dio_camera *camera, struct dio_error *error)
@@ -453,7 +381,8 @@ static enum dio_status v4l2_stop(struct dio_camera *camera, struct dio_error *er
 	if (v4l2->gone)
 		return DIO_OK;
 	if (dio_v4l2_ioctl(&v4l2->device, VIDIOC_STREAMOFF, &type) != 0)
-		return fail_call(v4l2, "VIDIOC_STREAMOFF", error);
+		return note_gone(v4l2, dio_v4l2_fail_call(&v4l2->device, "VIDIOC_STREAMOFF", error),
+				 error);
 	return DIO_OK;
 }
 
@@ -463,8 +392,7 @@ static void v4l2_close(struct dio_camera *camera)
 	struct v4l2_camera *v4l2 = self(camera);
 	const struct dio_v4l2_system *system = v4l2->device.system;
 
-	for (uint32_t i = 0; i < v4l2->buffer_count; i++)
-		system->unmap(system->context, v4l2->buffers[i].memory, v4l2->buffers[i].size);
+	dio_v4l2_queue_unmap(&v4l2->queue);
 	if (v4l2->device.fd >= 0)
 		system->close(system->context, v4l2->device.fd);
 	free(v4l2);
@@ -475,6 +403,8 @@ static const struct dio_camera_ops ops = {
 	.stop = v4l2_stop,
 	.acquire = v4l2_acquire,
 	.close = v4l2_close,
+	.control = v4l2_control,
+	.dmabuf = v4l2_dmabuf,
 };
 
 static enum dio_status set_up(struct v4l2_camera *v4l2, struct dio_error *error)
@@ -485,10 +415,13 @@ static enum dio_status set_up(struct v4l2_camera *v4l2, struct dio_error *error)
 	if (status == DIO_OK)
 		status = check_device(v4l2, error);
 	if (status == DIO_OK)
+		dio_v4l2_signal_adopt(&v4l2->device, &v4l2->events);
+	if (status == DIO_OK)
 		status = dio_v4l2_format_negotiate(&v4l2->device, &v4l2->base.options,
 						   &v4l2->format, error);
 	if (status == DIO_OK)
-		status = map_buffers(v4l2, error);
+		status = dio_v4l2_queue_map(&v4l2->queue, &v4l2->device,
+					    v4l2->format.frame_bytes_min, error);
 	info->format = v4l2->format.format;
 	info->width = v4l2->format.width;
 	info->height = v4l2->format.height;

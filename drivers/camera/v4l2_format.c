@@ -34,6 +34,19 @@ int dio_v4l2_ioctl(const struct dio_v4l2_device *device, unsigned long request, 
 	return device->system->ioctl(device->system->context, device->fd, request, argument);
 }
 
+enum dio_status dio_v4l2_fail_call(const struct dio_v4l2_device *device, const char *what,
+				   struct dio_error *error)
+{
+	int cause = errno;
+
+	if (cause == EBUSY)
+		return dio_fail(error, DIO_BUSY,
+				"camera %s: in use by another process; close that one first",
+				device->path);
+	return dio_fail(error, dio_status_from_errno(cause), "camera %s: %s failed: %s",
+			device->path, what, strerror(cause));
+}
+
 static bool is_multiplanar(const struct dio_v4l2_device *device)
 {
 	return device->buffer_type == V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE;
@@ -213,10 +226,7 @@ static enum dio_status set_format(const struct dio_v4l2_device *device,
 	}
 	if (dio_v4l2_ioctl(device, VIDIOC_S_FMT, &format) != 0) {
 		if (errno == EBUSY)
-			return dio_fail(
-				error, DIO_BUSY,
-				"camera %s: in use by another process; close that one first",
-				device->path);
+			return dio_v4l2_fail_call(device, "VIDIOC_S_FMT", error);
 		return dio_fail(error, dio_status_from_errno(errno),
 				"camera %s: cannot set %s %ux%u: %s", device->path,
 				dio_pixel_format_name(known[chosen->known].format), chosen->width,

@@ -24,6 +24,10 @@ struct dio_v4l2_format {
 
 int dio_v4l2_ioctl(const struct dio_v4l2_device *device, unsigned long request, void *argument);
 
+/** The failure of a call, from errno: DIO_GONE, DIO_BUSY and so on. */
+enum dio_status dio_v4l2_fail_call(const struct dio_v4l2_device *device, const char *what,
+				   struct dio_error *error);
+
 /**
  * Agree with the driver on the format nearest to the wish: first the size, then the rate, then
  * the cheaper to convert (YUYV, NV12, RGB24, GRAY8, and MJPEG last, which must be decoded).

@@ -98,6 +98,13 @@ enum dio_status dio_camera_acquire(struct dio_camera *camera, struct dio_frame *
 /** File name behind the last frame (replay), or "" (devices). Owned by the camera. */
 const char *dio_camera_get_frame_name(const struct dio_camera *camera);
 
+/**
+ * The memory behind the frame acquired last as a DMABUF descriptor that can only be read, for a
+ * display or an encoder to import; -1 where the camera offers none. Owned by the camera, good until
+ * it is closed; what it holds is the frame's until the next acquire.
+ */
+int dio_camera_get_dmabuf(struct dio_camera *camera);
+
 void dio_camera_get_info(const struct dio_camera *camera, struct dio_camera_info *info);
 void dio_camera_get_counters(const struct dio_camera *camera, struct dio_camera_counters *counters);
 

@@ -94,6 +94,10 @@ static int fake_close(void *context, int fd)
 {
 	struct fake_v4l2 *fake = context;
 
+	if (fd >= FAKE_DMABUF_FD) {
+		fake->exported_count--;
+		return 0;
+	}
 	if (fd != FAKE_FD || !fake->is_open)
 		abort();
 	fake->is_open = fake->is_streaming = false;
@@ -313,6 +317,112 @@ static int query_capabilities(const struct fake_v4l2 *fake, struct v4l2_capabili
 	return 0;
 }
 
+static struct fake_control *find_control(struct fake_v4l2 *fake, uint32_t id)
+{
+	for (size_t i = 0; i < FAKE_CONTROLS_MAX; i++)
+		if (id && fake->controls[i].id == id)
+			return &fake->controls[i];
+	errno = is_gone(fake) ? ENODEV : EINVAL;
+	return NULL;
+}
+
+static int query_control(struct fake_v4l2 *fake, struct v4l2_queryctrl *about)
+{
+	const struct fake_control *control = find_control(fake, about->id);
+
+	if (!control)
+		return -1;
+	about->minimum = control->min;
+	about->maximum = control->max;
+	return 0;
+}
+
+static int get_control(struct fake_v4l2 *fake, struct v4l2_control *answer)
+{
+	const struct fake_control *control = find_control(fake, answer->id);
+
+	if (!control)
+		return -1;
+	answer->value = control->value;
+	return 0;
+}
+
+static int set_control(struct fake_v4l2 *fake, const struct v4l2_control *wished)
+{
+	struct fake_control *control = find_control(fake, wished->id);
+
+	if (!control)
+		return -1;
+	if (wished->value < control->min || wished->value > control->max)
+		return fail(ERANGE);
+	if (control->menu && !(control->menu & 1u << wished->value))
+		return fail(EINVAL);
+	if (control->deaf)
+		return 0;
+	control->value = wished->value;
+	for (size_t i = 0; i < FAKE_CONTROLS_MAX && control->forgets; i++)
+		if (fake->controls[i].max > 10)
+			fake->controls[i].value = fake->controls[i].min;
+	return 0;
+}
+
+static int about_signal(struct fake_v4l2 *fake, unsigned long request, void *argument)
+{
+	struct v4l2_dv_timings *timings = argument;
+	struct v4l2_input *input = argument;
+	struct v4l2_event *event = argument;
+
+	if (!fake->has_input)
+		return fail(ENOTTY);
+	switch (request) {
+	case VIDIOC_G_INPUT:
+		*(int *)argument = 0;
+		return 0;
+	case VIDIOC_ENUMINPUT:
+		memcpy(input->name, "HDMI 0", 7);
+		input->status = fake->input_status;
+		input->capabilities = fake->has_timings ? V4L2_IN_CAP_DV_TIMINGS : 0;
+		return 0;
+	}
+	if (!fake->has_timings)
+		return fail(ENOTTY);
+	switch (request) {
+	case VIDIOC_QUERY_DV_TIMINGS:
+		if (fake->input_status)
+			return fail(ENOLINK);
+		timings->bt.width = fake->signal_width;
+		timings->bt.height = fake->signal_height;
+		return 0;
+	case VIDIOC_G_DV_TIMINGS:
+		timings->bt = fake->timings;
+		return 0;
+	case VIDIOC_S_DV_TIMINGS:
+		fake->timings = timings->bt;
+		fake->modes[0].width = timings->bt.width;
+		fake->modes[0].height = timings->bt.height;
+		return 0;
+	case VIDIOC_SUBSCRIBE_EVENT:
+		fake->is_subscribed = true;
+		return 0;
+	default:
+		if (!fake->change_waits)
+			return fail(ENOENT);
+		fake->change_waits = false;
+		event->type = V4L2_EVENT_SOURCE_CHANGE;
+		event->u.src_change.changes = V4L2_EVENT_SRC_CH_RESOLUTION;
+		return 0;
+	}
+}
+
+static int export_buffer(struct fake_v4l2 *fake, struct v4l2_exportbuffer *wanted)
+{
+	if (!fake->exports)
+		return fail(EINVAL);
+	wanted->fd = FAKE_DMABUF_FD + (int)wanted->index;
+	fake->exported_count++;
+	return 0;
+}
+
 static int fake_ioctl(void *context, int fd, unsigned long request, void *argument)
 {
 	struct fake_v4l2 *fake = context;
@@ -359,6 +469,22 @@ static int fake_ioctl(void *context, int fd, unsigned long request, void *argume
 		return stream_on(fake);
 	case VIDIOC_STREAMOFF:
 		return stream_off(fake);
+	case VIDIOC_QUERYCTRL:
+		return query_control(fake, argument);
+	case VIDIOC_G_CTRL:
+		return get_control(fake, argument);
+	case VIDIOC_S_CTRL:
+		return set_control(fake, argument);
+	case VIDIOC_EXPBUF:
+		return export_buffer(fake, argument);
+	case VIDIOC_G_INPUT:
+	case VIDIOC_ENUMINPUT:
+	case VIDIOC_QUERY_DV_TIMINGS:
+	case VIDIOC_G_DV_TIMINGS:
+	case VIDIOC_S_DV_TIMINGS:
+	case VIDIOC_SUBSCRIBE_EVENT:
+	case VIDIOC_DQEVENT:
+		return about_signal(fake, request, argument);
 	default:
 		return fail(ENOTTY);
 	}
@@ -381,6 +507,8 @@ static int fake_poll(void *context, struct pollfd *fd, int timeout_ms)
 		fd->revents = 0;
 		if (fake->done_count)
 			fd->revents |= POLLIN;
+		if (fake->is_subscribed && fake->change_waits)
+			fd->revents |= POLLPRI;
 		if (is_gone(fake))
 			fd->revents = POLLERR | POLLHUP;
 		if (fake->poll_error)

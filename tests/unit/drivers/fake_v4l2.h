@@ -9,9 +9,11 @@
 
 #include "v4l2_system.h"
 
-#define FAKE_BUFFERS_MAX 8
-#define FAKE_FRAMES_MAX  64
-#define FAKE_MODES_MAX   8
+#define FAKE_BUFFERS_MAX  8
+#define FAKE_FRAMES_MAX   64
+#define FAKE_MODES_MAX    8
+#define FAKE_CONTROLS_MAX 12
+#define FAKE_DMABUF_FD    2000
 
 /* One size and rate at which a pixel format is offered. */
 struct fake_mode {
@@ -27,8 +29,24 @@ struct fake_frame {
 	uint32_t bytes_less; /* than a whole frame */
 };
 
+/* A control of the device. */
+struct fake_control {
+	uint32_t id;
+	int32_t min, max, value;
+	uint32_t menu; /* bit n: item n is offered; 0: all */
+	bool deaf;     /* takes a value and does nothing */
+	bool forgets;  /* when this is written, every value control falls back to its minimum */
+};
+
 struct fake_v4l2 {
 	/* The script. */
+	struct fake_control controls[FAKE_CONTROLS_MAX];
+	bool has_input;        /* ENUMINPUT is there */
+	uint32_t input_status; /* V4L2_IN_ST_* */
+	bool has_timings;      /* a receiver: DV timings and source changes */
+	uint32_t signal_width, signal_height;
+	bool change_waits; /* a source change that was not fetched yet */
+	bool exports;
 	int open_errno;
 	uint32_t caps;
 	struct fake_mode modes[FAKE_MODES_MAX];
@@ -58,7 +76,9 @@ struct fake_v4l2 {
 	struct v4l2_buffer done[FAKE_BUFFERS_MAX]; /* oldest first */
 	uint32_t done_count, queue[FAKE_BUFFERS_MAX], queue_count;
 	size_t next_frame;
-	unsigned set_rates;
+	unsigned set_rates, exported_count;
+	struct v4l2_bt_timings timings;
+	bool is_subscribed;
 };
 
 /** A webcam: YUYV 640x480 at 30 frames a second, frames every 33 ms numbered from 0. */

@@ -36,26 +36,31 @@ static uint64_t sequence_of(uint64_t i)
 	return i < 2 ? i : i + 2;
 }
 
+static void append(struct dio_recorder *recorder, uint64_t i)
+{
+	struct dio_error error;
+	uint8_t data[16 * 12 * 2];
+	struct dio_frame frame = {.format = DIO_PIXEL_YUYV,
+				  .width = 16,
+				  .height = 12,
+				  .pitch_bytes = 32,
+				  .timestamp_ns = time_of(i),
+				  .sequence = sequence_of(i),
+				  .data = data,
+				  .size_bytes = sizeof(data)};
+
+	memset(data, 128 + (int)i, sizeof(data));
+	assert_ok(dio_recorder_append(recorder, &frame, &error), error);
+}
+
 static struct dio_recorder *record(const char *folder, uint64_t count)
 {
 	struct dio_recorder *recorder;
 	struct dio_error error;
-	uint8_t data[16 * 12 * 2];
 
 	assert_ok(dio_recorder_open(folder, &source, &recorder, &error), error);
-	for (uint64_t i = 0; i < count; i++) {
-		struct dio_frame frame = {.format = DIO_PIXEL_YUYV,
-					  .width = 16,
-					  .height = 12,
-					  .pitch_bytes = 32,
-					  .timestamp_ns = time_of(i),
-					  .sequence = sequence_of(i),
-					  .data = data,
-					  .size_bytes = sizeof(data)};
-
-		memset(data, 128 + (int)i, sizeof(data));
-		assert_ok(dio_recorder_append(recorder, &frame, &error), error);
-	}
+	for (uint64_t i = 0; i < count; i++)
+		append(recorder, i);
 	return recorder;
 }
 
@@ -455,6 +460,78 @@ static void a_recording_keeps_its_own_pace(void **state)
 	assert_end(camera);
 }
 
+static void assert_frames(const char *folder, uint64_t count)
+{
+	struct dio_camera *camera = start(folder);
+
+	for (uint64_t i = 0; i < count; i++)
+		assert_frame(camera, i);
+	assert_end(camera);
+}
+
+static void a_recording_goes_on_whether_it_was_closed_or_cut_off(void **state)
+{
+	const char *folder = scratch_path(*state, "on");
+	struct dio_recorder *recorder;
+	struct dio_error error;
+	uint64_t frames;
+
+	assert_fails(dio_recorder_resume(folder, &source, &recorder, &frames, &error),
+		     DIO_NOT_FOUND, error, "on");
+	record_whole(folder, 2);
+	for (uint64_t have = 2; have < 8; have += 2) {
+		pid_t child;
+
+		assert_ok(dio_recorder_resume(folder, &source, &recorder, &frames, &error), error);
+		assert_int_equal(frames, have);
+		append(recorder, have);
+		assert_ok(dio_recorder_close(recorder, &error), error);
+		/* Killed with one more frame written: the next round finds it. */
+		child = fork();
+		if (child == 0) {
+			if (dio_recorder_resume(folder, &source, &recorder, NULL, &error) == DIO_OK)
+				append(recorder, have + 1);
+			raise(SIGKILL);
+		}
+		assert_int_equal(waitpid(child, NULL, 0), child);
+		assert_frames(folder, have + 2);
+	}
+}
+
+static void what_the_camera_says_of_a_frame_comes_back(void **state)
+{
+	const char *folder = scratch_path(*state, "said");
+	const struct dio_frame_metadata said = {.exposure_us = 12345,
+						.gain = 1.25f,
+						.white_balance_k = 4600,
+						.red_gain = 1.5f,
+						.blue_gain = 2.75f,
+						.locked = DIO_LOCK_EXPOSURE | DIO_LOCK_FOCUS};
+	struct dio_recorder *recorder;
+	struct dio_camera *camera;
+	struct dio_error error;
+	uint8_t data[16 * 12] = {0};
+	struct dio_frame frame = {.format = DIO_PIXEL_GRAY8,
+				  .width = 16,
+				  .height = 12,
+				  .pitch_bytes = 16,
+				  .data = data,
+				  .size_bytes = sizeof(data)};
+
+	assert_ok(dio_recorder_open(folder, &source, &recorder, &error), error);
+	assert_ok(dio_recorder_append(recorder, &frame, &error), error);
+	frame.metadata = said;
+	assert_ok(dio_recorder_append(recorder, &frame, &error), error);
+	assert_ok(dio_recorder_close(recorder, &error), error);
+	camera = start(folder);
+	assert_ok(dio_camera_acquire(camera, &frame, 0, &error), error);
+	assert_int_equal(frame.metadata.exposure_us, 0);
+	assert_true(frame.metadata.gain == 0);
+	assert_ok(dio_camera_acquire(camera, &frame, 0, &error), error);
+	assert_memory_equal(&frame.metadata, &said, sizeof(said));
+	dio_camera_close(camera);
+}
+
 static void a_frame_that_does_not_convert_spoils_nothing(void **state)
 {
 	const char *folder = scratch_path(*state, "rec");
@@ -487,6 +564,8 @@ int main(void)
 		scratch_test(damaged_indexes_are_refused_by_name),
 		scratch_test(every_truncation_of_the_index_is_refused),
 		scratch_test(a_recording_keeps_its_own_pace),
+		scratch_test(a_recording_goes_on_whether_it_was_closed_or_cut_off),
+		scratch_test(what_the_camera_says_of_a_frame_comes_back),
 		scratch_test(a_frame_that_does_not_convert_spoils_nothing),
 	};
 
