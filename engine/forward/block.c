@@ -32,7 +32,7 @@ static void attend_and_mix(const struct dvsm_run *run, const struct dvsm_half_we
 
 void dvsm_block_intra(const struct dvsm_run *run, uint32_t layer, float *x, size_t tokens)
 {
-	const struct dvsm_half_weights *weights = &run->model->weights.blocks[layer].intra;
+	const struct dvsm_half_weights *weights = &run->weights->blocks[layer].intra;
 	const struct dvsm_heads own = {run->work.keys, run->work.values, tokens};
 
 	dvsm_step_norm(run, x, tokens, weights->norm, run->work.normed);
@@ -43,7 +43,7 @@ void dvsm_block_intra(const struct dvsm_run *run, uint32_t layer, float *x, size
 void dvsm_block_cross_keys(const struct dvsm_run *run, uint32_t layer, const float *x,
 			   size_t tokens, const struct dvsm_heads *heads, size_t first)
 {
-	const struct dvsm_half_weights *weights = &run->model->weights.blocks[layer].cross;
+	const struct dvsm_half_weights *weights = &run->weights->blocks[layer].cross;
 
 	dvsm_step_norm(run, x, tokens, weights->norm, run->work.normed);
 	project_keys(run, weights, tokens, heads, first);
@@ -52,7 +52,7 @@ void dvsm_block_cross_keys(const struct dvsm_run *run, uint32_t layer, const flo
 void dvsm_block_cross(const struct dvsm_run *run, uint32_t layer, float *x, size_t tokens,
 		      const struct dvsm_heads *heads)
 {
-	const struct dvsm_half_weights *weights = &run->model->weights.blocks[layer].cross;
+	const struct dvsm_half_weights *weights = &run->weights->blocks[layer].cross;
 
 	dvsm_step_norm(run, x, tokens, weights->norm, run->work.normed);
 	attend_and_mix(run, weights, x, tokens, heads);

@@ -19,9 +19,9 @@ enum dvsm_status dvsm_engine_create(const struct dvsm_model *model,
 		return dvsm_fail(error, DVSM_BAD_ARG, "engine: a model and a place are needed");
 	if (!options)
 		options = &defaults;
-	if (options->precision != DVSM_PRECISION_F32)
+	if (options->precision != DVSM_PRECISION_F32 && options->precision != DVSM_PRECISION_BF16)
 		return dvsm_fail(error, DVSM_UNSUPPORTED,
-				 "engine: precision %s is not in this build: use f32",
+				 "engine: precision %s is not in this build: use f32 or bf16",
 				 dvsm_precision_name(options->precision));
 
 	uint32_t threads = options->threads ? options->threads : dvsm_pool_processors();
@@ -31,9 +31,11 @@ enum dvsm_status dvsm_engine_create(const struct dvsm_model *model,
 		return dvsm_fail(error, DVSM_NO_MEM, "no memory for an engine");
 	made->model = model;
 	made->precision = options->precision;
-	made->kernels =
-		dvsm_kernels_choose(options->cpu_mask ? options->cpu_mask : (uint32_t)DVSM_CPU_ALL);
-	status = dvsm_pool_create(threads, &made->pool, error);
+	made->kernels = dvsm_kernels_choose(
+		options->precision, options->cpu_mask ? options->cpu_mask : (uint32_t)DVSM_CPU_ALL);
+	status = dvsm_engine_weights_init(model, options->precision, &made->weights, error);
+	if (status == DVSM_OK)
+		status = dvsm_pool_create(threads, &made->pool, error);
 	if (status != DVSM_OK) {
 		dvsm_engine_destroy(made);
 		return status;
@@ -47,6 +49,7 @@ void dvsm_engine_destroy(struct dvsm_engine *engine)
 	if (!engine)
 		return;
 	dvsm_pool_destroy(engine->pool);
+	dvsm_engine_weights_deinit(&engine->weights);
 	free(engine->workspace);
 	free(engine);
 }
@@ -115,7 +118,7 @@ enum dvsm_status dvsm_engine_measure(const struct dvsm_engine *engine,
 						     dvsm_pool_get_threads(engine->pool));
 	struct dvsm_arena arena = {0};
 
-	dvsm_workspace_place(&arena, config, &size);
+	dvsm_workspace_place(&arena, config, &size, engine->kernels->number_bytes);
 	if (arena.overflow)
 		return dvsm_fail(error, DVSM_NO_MEM,
 				 "workspace of %zu tokens does not fit the address space: "
@@ -159,9 +162,10 @@ struct dvsm_run dvsm_engine_begin(const struct dvsm_engine *engine,
 
 	return (struct dvsm_run){
 		.model = engine->model,
+		.weights = &engine->weights.w,
 		.kernels = engine->kernels,
 		.pool = engine->pool,
-		.work = dvsm_workspace_place(&arena, config, &size),
+		.work = dvsm_workspace_place(&arena, config, &size, engine->kernels->number_bytes),
 	};
 }
 
@@ -184,15 +188,15 @@ enum dvsm_status dvsm_plan(const struct dvsm_engine *engine, const struct dvsm_c
 	if (status == DVSM_OK && target)
 		status = dvsm_engine_check_size(target, error);
 	if (status == DVSM_OK)
-		status = dvsm_scene_measure(&engine->model->config, cameras, views, patch_px, NULL,
-					    &cache, error);
+		status = dvsm_scene_measure(&engine->model->config, engine->precision, cameras,
+					    views, patch_px, NULL, &cache, error);
 	if (status == DVSM_OK)
 		status = dvsm_engine_measure(engine, cameras, views, patch_px, &workspace, error);
 	if (status == DVSM_OK && target)
 		status = dvsm_engine_measure(engine, target, 1, target_patch_px, &render, error);
 	if (status != DVSM_OK)
 		return status;
-	memory->weights_bytes = engine->model->weight_bytes;
+	memory->weights_bytes = dvsm_engine_weight_bytes(engine);
 	memory->cache_bytes = cache;
 	memory->workspace_bytes = workspace > render ? workspace : render;
 	return DVSM_OK;

@@ -4,9 +4,11 @@
 
 #include "dvsm/engine.h"
 #include "forward/steps.h"
+#include "forward/weights.h"
 
 struct dvsm_engine {
 	const struct dvsm_model *model; /* borrowed */
+	struct dvsm_engine_weights weights;
 	const struct dvsm_kernels *kernels;
 	struct dvsm_pool *pool;
 	enum dvsm_precision precision;
@@ -34,6 +36,12 @@ enum dvsm_status dvsm_engine_reserve(struct dvsm_engine *engine, const struct dv
 struct dvsm_run dvsm_engine_begin(const struct dvsm_engine *engine,
 				  const struct dvsm_camera *cameras, uint32_t count,
 				  uint32_t patch_px);
+
+/** Of the model, and what the engine has of its own. */
+static inline size_t dvsm_engine_weight_bytes(const struct dvsm_engine *engine)
+{
+	return engine->model->weight_bytes + engine->weights.bytes;
+}
 
 /** CLOCK_MONOTONIC. */
 uint64_t dvsm_engine_now_ns(void);

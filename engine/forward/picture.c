@@ -40,30 +40,34 @@ static void cut_task(void *context, size_t index, uint32_t worker)
 			    dvsm_run_scratch(job->run, worker));
 }
 
+/* The patches in work.wide to tokens. */
+static void embed(const struct dvsm_run *run, size_t tokens, const struct dvsm_matrix *w, float *x,
+		  enum dvsm_epilogue epilogue)
+{
+	dvsm_step_convert(run, run->work.wide, tokens, w->in, run->work.patches);
+	dvsm_step_product(run, run->work.patches, tokens, w, x, run->model->config.dim, epilogue);
+}
+
 void dvsm_picture_embed(const struct dvsm_run *run, const struct dvsm_ray_map *map,
 			const struct dvsm_patch_plan *plan, const float *rgb, float *x)
 {
-	const size_t dim = run->model->config.dim;
 	const size_t tokens = dvsm_token_grid_count(plan->grid);
-	float *patches = run->work.wide;
 	struct picture_job job = {
 		.run = run,
 		.map = map,
 		.plan = plan,
 		.rgb = rgb,
-		.patches = patches,
+		.patches = run->work.wide,
 		.count = tokens,
 	};
 
 	dvsm_pool_run(run->pool, dvsm_tiles(tokens, RAY_TOKENS), ray_task, &job);
-	dvsm_step_product(run, patches, tokens, &run->model->weights.patch_ray, x, dim,
-			  DVSM_EPILOGUE_STORE);
+	embed(run, tokens, &run->weights->patch_ray, x, DVSM_EPILOGUE_STORE);
 	if (rgb) {
 		dvsm_pool_run(run->pool, plan->grid.rows, cut_task, &job);
-		dvsm_step_product(run, patches, tokens, &run->model->weights.patch_rgb, x, dim,
-				  DVSM_EPILOGUE_ADD);
+		embed(run, tokens, &run->weights->patch_rgb, x, DVSM_EPILOGUE_ADD);
 	}
-	dvsm_step_norm(run, x, tokens, run->model->weights.embed_norm, x);
+	dvsm_step_embed_norm(run, x, tokens, run->weights->embed_norm);
 }
 
 static void colour_task(void *context, size_t index, uint32_t worker)
@@ -88,7 +92,7 @@ static void join_task(void *context, size_t index, uint32_t worker)
 void dvsm_picture_write(const struct dvsm_run *run, const struct dvsm_patch_plan *plan,
 			const float *x, float *rgb)
 {
-	const struct dvsm_matrix *to_rgb = &run->model->weights.to_rgb;
+	const struct dvsm_matrix *to_rgb = &run->weights->to_rgb;
 	const size_t tokens = dvsm_token_grid_count(plan->grid);
 	struct picture_job job = {
 		.run = run,
@@ -98,7 +102,7 @@ void dvsm_picture_write(const struct dvsm_run *run, const struct dvsm_patch_plan
 		.count = tokens * to_rgb->out,
 	};
 
-	dvsm_step_norm(run, x, tokens, run->model->weights.final_norm, run->work.normed);
+	dvsm_step_norm(run, x, tokens, run->weights->final_norm, run->work.normed);
 	dvsm_step_product(run, run->work.normed, tokens, to_rgb, job.patches, to_rgb->out,
 			  DVSM_EPILOGUE_STORE);
 	dvsm_pool_run(run->pool, dvsm_tiles(job.count, COLOUR_NUMBERS), colour_task, &job);

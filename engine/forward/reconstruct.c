@@ -111,8 +111,8 @@ enum dvsm_status dvsm_reconstruct(struct dvsm_engine *engine, const struct dvsm_
 	cameras = copy_cameras(views, count);
 	if (!cameras)
 		return dvsm_fail(error, DVSM_NO_MEM, "no memory for %u cameras", count);
-	status = dvsm_scene_allocate(&engine->model->config, engine->model->sha256, cameras, count,
-				     patch_px, &made, error);
+	status = dvsm_scene_allocate(&engine->model->config, engine->model->sha256,
+				     engine->precision, cameras, count, patch_px, &made, error);
 	if (status == DVSM_OK)
 		status = dvsm_engine_reserve(engine, cameras, count, patch_px, error);
 	if (status == DVSM_OK) {
@@ -131,7 +131,7 @@ enum dvsm_status dvsm_reconstruct(struct dvsm_engine *engine, const struct dvsm_
 			.tokens = (uint32_t)made->tokens,
 			.keys = made->tokens,
 			.time_ns = dvsm_engine_now_ns() - start_ns,
-			.memory = {engine->model->weight_bytes, made->cache_bytes,
+			.memory = {dvsm_engine_weight_bytes(engine), made->cache_bytes,
 				   engine->workspace_bytes},
 		};
 	}

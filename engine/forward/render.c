@@ -19,6 +19,13 @@ static enum dvsm_status check(const struct dvsm_engine *engine, const struct dvs
 				 "the scene was made with model %s, the engine has %s: reconstruct "
 				 "it again",
 				 scene->model_sha256, engine->model->sha256);
+	if (scene->precision != engine->precision)
+		return dvsm_fail(error, DVSM_MISMATCH,
+				 "the scene was made in %s, the engine computes in %s: reconstruct "
+				 "it again or render it in %s",
+				 dvsm_precision_name(scene->precision),
+				 dvsm_precision_name(engine->precision),
+				 dvsm_precision_name(scene->precision));
 	return dvsm_engine_check_patch(engine, patch_px, error);
 }
 
@@ -85,7 +92,7 @@ enum dvsm_status dvsm_render(struct dvsm_engine *engine, const struct dvsm_scene
 			.tokens = (uint32_t)dvsm_token_grid_count(plan.grid),
 			.keys = scene->tokens,
 			.time_ns = dvsm_engine_now_ns() - start_ns,
-			.memory = {engine->model->weight_bytes, scene->cache_bytes,
+			.memory = {dvsm_engine_weight_bytes(engine), scene->cache_bytes,
 				   engine->workspace_bytes},
 		};
 	}

@@ -1,7 +1,6 @@
 #include "forward/steps.h"
 
 #include <math.h>
-#include <string.h>
 
 /* Tokens a task takes where the work on each is small. */
 #define ROWS_PER_TASK 32u
@@ -16,8 +15,8 @@
 struct norm_job {
 	const struct dvsm_run *run;
 	const float *x, *weight;
-	float *out;
-	size_t rows;
+	void *out;
+	size_t rows, width;
 };
 
 static void norm_task(void *context, size_t index, uint32_t worker)
@@ -29,26 +28,73 @@ static void norm_task(void *context, size_t index, uint32_t worker)
 	(void)worker;
 	job->run->kernels->layer_norm(
 		job->x + at, dvsm_tile_length(job->rows, ROWS_PER_TASK, index), config->dim,
-		job->weight, (float)config->norm_eps, job->out + at);
+		job->weight, (float)config->norm_eps, dvsm_run_number(job->run, job->out, at));
+}
+
+static void embed_norm_task(void *context, size_t index, uint32_t worker)
+{
+	const struct norm_job *job = context;
+	const struct dvsm_model_config *config = &job->run->model->config;
+	size_t at = index * ROWS_PER_TASK * config->dim;
+
+	(void)worker;
+	job->run->kernels->embed_norm(
+		job->x + at, dvsm_tile_length(job->rows, ROWS_PER_TASK, index), config->dim,
+		job->weight, (float)config->norm_eps, (float *)job->out + at);
+}
+
+void dvsm_step_embed_norm(const struct dvsm_run *run, float *x, size_t rows, const float *weight)
+{
+	struct norm_job job = {.run = run, .x = x, .weight = weight, .out = x, .rows = rows};
+
+	dvsm_pool_run(run->pool, dvsm_tiles(rows, ROWS_PER_TASK), embed_norm_task, &job);
+}
+
+static void convert_task(void *context, size_t index, uint32_t worker)
+{
+	const struct norm_job *job = context;
+	size_t at = index * ROWS_PER_TASK * job->width;
+
+	(void)worker;
+	job->run->kernels->convert(job->x + at, job->width,
+				   dvsm_tile_length(job->rows, ROWS_PER_TASK, index), job->width,
+				   dvsm_run_number(job->run, job->out, at), job->width);
+}
+
+void dvsm_step_convert(const struct dvsm_run *run, const float *x, size_t rows, size_t width,
+		       void *out)
+{
+	struct norm_job job = {.run = run, .x = x, .out = out, .rows = rows, .width = width};
+
+	if (out != x)
+		dvsm_pool_run(run->pool, dvsm_tiles(rows, ROWS_PER_TASK), convert_task, &job);
 }
 
 void dvsm_step_norm(const struct dvsm_run *run, const float *x, size_t rows, const float *weight,
-		    float *out)
+		    void *out)
 {
-	struct norm_job job = {run, x, weight, out, rows};
+	struct norm_job job = {.run = run, .x = x, .weight = weight, .out = out, .rows = rows};
 
 	dvsm_pool_run(run->pool, dvsm_tiles(rows, ROWS_PER_TASK), norm_task, &job);
 }
 
 struct product_job {
 	const struct dvsm_run *run;
-	const float *a;
+	const void *a;
 	size_t rows;
 	const struct dvsm_matrix *w;
-	float *c;
-	size_t c_stride;
+	unsigned char *c;
+	size_t c_stride, c_bytes; /* of one of its numbers or floats */
 	enum dvsm_epilogue epilogue;
 };
+
+/* The panels of column `col` on, a whole number of panels. */
+static const void *panels_at(const struct dvsm_run *run, const struct dvsm_matrix *w, size_t col)
+{
+	if (run->kernels->number_bytes == sizeof(float))
+		return w->panels + col * w->in;
+	return w->pairs + col * dvsm_bf16_depth(w->in);
+}
 
 static void product_task(void *context, size_t index, uint32_t worker)
 {
@@ -60,16 +106,27 @@ static void product_task(void *context, size_t index, uint32_t worker)
 
 	(void)worker;
 	job->run->kernels->gemm(
-		job->a + row * w->in, w->in, dvsm_tile_length(job->rows, PRODUCT_ROWS, row_tile),
-		w->panels + col * w->in, w->in, dvsm_tile_length(w->out, PRODUCT_COLS, col_tile),
-		job->c + row * job->c_stride + col, job->c_stride, job->epilogue);
+		dvsm_run_read(job->run, job->a, row * w->in), w->in,
+		dvsm_tile_length(job->rows, PRODUCT_ROWS, row_tile), panels_at(job->run, w, col),
+		w->in, dvsm_tile_length(w->out, PRODUCT_COLS, col_tile),
+		job->c + (row * job->c_stride + col) * job->c_bytes, job->c_stride, job->epilogue);
 }
 
-void dvsm_step_product(const struct dvsm_run *run, const float *a, size_t rows,
-		       const struct dvsm_matrix *w, float *c, size_t c_stride,
+void dvsm_step_product(const struct dvsm_run *run, const void *a, size_t rows,
+		       const struct dvsm_matrix *w, void *c, size_t c_stride,
 		       enum dvsm_epilogue epilogue)
 {
-	struct product_job job = {run, a, rows, w, c, c_stride, epilogue};
+	const bool numbers = epilogue == DVSM_EPILOGUE_GELU;
+	struct product_job job = {
+		.run = run,
+		.a = a,
+		.rows = rows,
+		.w = w,
+		.c = c,
+		.c_stride = c_stride,
+		.c_bytes = numbers ? run->kernels->number_bytes : sizeof(float),
+		.epilogue = epilogue,
+	};
 
 	dvsm_pool_run(run->pool, dvsm_tiles(rows, PRODUCT_ROWS) * dvsm_tiles(w->out, PRODUCT_COLS),
 		      product_task, &job);
@@ -94,9 +151,9 @@ static void queries_task(void *context, size_t index, uint32_t worker)
 
 	(void)worker;
 	for (size_t h = 0; h < config->heads; h++)
-		job->run->kernels->rms_norm(job->from + at + h * head_dim, job->stride, rows,
-					    head_dim, job->weight, (float)config->norm_eps,
-					    job->queries + at + h * head_dim, job->stride);
+		job->run->kernels->query_norm(job->from + at + h * head_dim, job->stride, rows,
+					      head_dim, job->weight, (float)config->norm_eps,
+					      job->queries + at + h * head_dim, job->stride);
 }
 
 void dvsm_step_queries(const struct dvsm_run *run, float *q, size_t q_stride, size_t rows,
@@ -127,12 +184,12 @@ static void keys_task(void *context, size_t index, uint32_t worker)
 		const float *from = job->from + start * job->stride + h * head_dim;
 		size_t to = (h * job->heads->total + job->first + start) * head_dim;
 
-		job->run->kernels->rms_norm(from, job->stride, rows, head_dim, job->weight,
-					    (float)config->norm_eps, job->heads->keys + to,
-					    head_dim);
-		for (size_t i = 0; i < rows; i++)
-			memcpy(job->heads->values + to + i * head_dim,
-			       from + i * job->stride + config->dim, head_dim * sizeof(float));
+		job->run->kernels->key_norm(
+			from, job->stride, rows, head_dim, job->weight, (float)config->norm_eps,
+			dvsm_run_number(job->run, job->heads->keys, to), head_dim);
+		job->run->kernels->convert(from + config->dim, job->stride, rows, head_dim,
+					   dvsm_run_number(job->run, job->heads->values, to),
+					   head_dim);
 	}
 }
 
@@ -157,7 +214,7 @@ struct attention_job {
 	const float *q;
 	size_t q_stride, rows;
 	const struct dvsm_heads *heads;
-	float *out;
+	void *out;
 };
 
 static void attention_task(void *context, size_t index, uint32_t worker)
@@ -172,12 +229,12 @@ static void attention_task(void *context, size_t index, uint32_t worker)
 		.q = job->q + row * job->q_stride + head * head_dim,
 		.q_stride = job->q_stride,
 		.queries = dvsm_tile_length(job->rows, DVSM_ATTENTION_QUERIES, index % tiles),
-		.k = job->heads->keys + base,
-		.v = job->heads->values + base,
+		.k = dvsm_run_read(job->run, job->heads->keys, base),
+		.v = dvsm_run_read(job->run, job->heads->values, base),
 		.keys = job->heads->total,
 		.head_dim = head_dim,
 		.scale = 1.0f / sqrtf((float)head_dim),
-		.out = job->out + row * config->dim + head * head_dim,
+		.out = dvsm_run_number(job->run, job->out, row * config->dim + head * head_dim),
 		.out_stride = config->dim,
 		.scratch = dvsm_run_scratch(job->run, worker),
 	};
@@ -186,7 +243,7 @@ static void attention_task(void *context, size_t index, uint32_t worker)
 }
 
 void dvsm_step_attention(const struct dvsm_run *run, const float *q, size_t q_stride, size_t rows,
-			 const struct dvsm_heads *heads, float *out)
+			 const struct dvsm_heads *heads, void *out)
 {
 	struct attention_job job = {run, q, q_stride, rows, heads, out};
 

@@ -13,24 +13,38 @@
 /** Everything a step needs; borrowed for one reconstruction or rendering. */
 struct dvsm_run {
 	const struct dvsm_model *model;
+	const struct dvsm_weights *weights; /* as the kernels read them */
 	const struct dvsm_kernels *kernels;
 	struct dvsm_pool *pool;
 	struct dvsm_workspace work;
 };
 
-/** Keys and values of one layer, [heads][total][head_dim] each, of which a step may fill a part. */
+/**
+ * Keys and values of one layer, numbers [heads][total][head_dim] each, of which a step may fill a
+ * part.
+ */
 struct dvsm_heads {
-	float *keys, *values;
+	void *keys, *values;
 	size_t total; /* tokens */
 };
 
-/** out[rows][D] = LN(x[rows][D]); out may be x. */
-void dvsm_step_norm(const struct dvsm_run *run, const float *x, size_t rows, const float *weight,
-		    float *out);
+/** x[rows][D] = LN(x), in place. */
+void dvsm_step_embed_norm(const struct dvsm_run *run, float *x, size_t rows, const float *weight);
 
-/** C[rows] = epilogue(A[rows] W^T), rows of C c_stride floats apart; A is [rows][W.in]. */
-void dvsm_step_product(const struct dvsm_run *run, const float *a, size_t rows,
-		       const struct dvsm_matrix *w, float *c, size_t c_stride,
+/** out[rows][D], numbers, = LN(x[rows][D]). */
+void dvsm_step_norm(const struct dvsm_run *run, const float *x, size_t rows, const float *weight,
+		    void *out);
+
+/** out[rows][width], numbers, = x[rows][width]; out may be x where numbers are floats. */
+void dvsm_step_convert(const struct dvsm_run *run, const float *x, size_t rows, size_t width,
+		       void *out);
+
+/**
+ * C[rows] = epilogue(A[rows] W^T); A is numbers [rows][W.in], C floats or, as the epilogue says,
+ * numbers, rows c_stride of them apart.
+ */
+void dvsm_step_product(const struct dvsm_run *run, const void *a, size_t rows,
+		       const struct dvsm_matrix *w, void *c, size_t c_stride,
 		       enum dvsm_epilogue epilogue);
 
 /** QK-norm of queries in place; q is [rows] of D numbers, q_stride apart. */
@@ -46,14 +60,26 @@ void dvsm_step_queries(const struct dvsm_run *run, float *q, size_t q_stride, si
 void dvsm_step_keys(const struct dvsm_run *run, const float *kv, size_t kv_stride, size_t rows,
 		    const float *k_norm, const struct dvsm_heads *heads, size_t first);
 
-/** out[rows][D] = attention of q (rows of D, q_stride apart) to all of `heads`. */
+/** out[rows][D], numbers, = attention of q (rows of D, q_stride apart) to all of `heads`. */
 void dvsm_step_attention(const struct dvsm_run *run, const float *q, size_t q_stride, size_t rows,
-			 const struct dvsm_heads *heads, float *out);
+			 const struct dvsm_heads *heads, void *out);
 
 /** The scratch of one thread: work.scratch_stride bytes. */
 static inline void *dvsm_run_scratch(const struct dvsm_run *run, uint32_t worker)
 {
 	return run->work.scratch + worker * run->work.scratch_stride;
+}
+
+/** The place of number `index` of an array of numbers, to write and to read. */
+static inline void *dvsm_run_number(const struct dvsm_run *run, void *numbers, size_t index)
+{
+	return (unsigned char *)numbers + index * run->kernels->number_bytes;
+}
+
+static inline const void *dvsm_run_read(const struct dvsm_run *run, const void *numbers,
+					size_t index)
+{
+	return (const unsigned char *)numbers + index * run->kernels->number_bytes;
 }
 
 /** Tiles of `size` that cover `count`. */

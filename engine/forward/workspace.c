@@ -32,7 +32,7 @@ struct dvsm_job_size dvsm_job_size_of(const struct dvsm_model_config *config,
 
 struct dvsm_workspace dvsm_workspace_place(struct dvsm_arena *arena,
 					   const struct dvsm_model_config *config,
-					   const struct dvsm_job_size *size)
+					   const struct dvsm_job_size *size, size_t number_bytes)
 {
 	const size_t dim = config->dim, n = size->view_tokens;
 	const size_t area = (size_t)config->patch_px * config->patch_px;
@@ -42,10 +42,13 @@ struct dvsm_workspace dvsm_workspace_place(struct dvsm_arena *arena,
 	w.wide_width = larger(larger(3, config->mlp_ratio) * dim, 6 * area);
 	w.scratch_stride = (size->scratch_bytes + 63) / 64 * 64;
 	w.x = dvsm_arena_take_floats(arena, size->tokens, dim);
-	w.normed = dvsm_arena_take_floats(arena, n, dim);
+	w.normed = dvsm_arena_take(arena, n, dim * number_bytes);
 	w.wide = dvsm_arena_take_floats(arena, n, w.wide_width);
-	w.keys = dvsm_arena_take_floats(arena, n, dim);
-	w.values = dvsm_arena_take_floats(arena, n, dim);
+	w.patches = w.wide;
+	if (number_bytes != sizeof(float))
+		w.patches = dvsm_arena_take(arena, n, 6 * area * number_bytes);
+	w.keys = dvsm_arena_take(arena, n, dim * number_bytes);
+	w.values = dvsm_arena_take(arena, n, dim * number_bytes);
 	w.scratch = dvsm_arena_take(arena, size->threads, w.scratch_stride);
 	return w;
 }

@@ -16,12 +16,13 @@ struct dvsm_job_size {
 
 /** D = dim, h = heads, N = view_tokens. */
 struct dvsm_workspace {
-	float *x;      /* [tokens][D] residual stream */
-	float *normed; /* [N][D] input of a product, then attention's output */
-	float *wide;   /* [N][wide_width] patches; q, k, v; MLP hidden; output patches */
+	float *x;     /* [tokens][D] residual stream */
+	void *normed; /* numbers [N][D]: input of a product, then attention's output */
+	float *wide;  /* [N][wide_width] patches; q, k, v; MLP hidden (numbers); output patches */
 	size_t wide_width;
-	float *keys;            /* [h][N][D/h] of the view at hand */
-	float *values;          /* [h][N][D/h] */
+	void *patches;          /* numbers [N][6 q q]: `wide` itself where numbers are floats */
+	void *keys;             /* numbers [h][N][D/h] of the view at hand */
+	void *values;           /* numbers [h][N][D/h] */
 	unsigned char *scratch; /* [threads][scratch_stride] */
 	size_t scratch_stride;
 };
@@ -31,9 +32,9 @@ struct dvsm_job_size dvsm_job_size_of(const struct dvsm_model_config *config,
 				      const struct dvsm_camera *cameras, uint32_t count,
 				      uint32_t patch_px, uint32_t threads);
 
-/** Walk the workspace: measures or places, as the arena says. */
+/** Walk the workspace: measures or places, as the arena says. Numbers: see kernels.h. */
 struct dvsm_workspace dvsm_workspace_place(struct dvsm_arena *arena,
 					   const struct dvsm_model_config *config,
-					   const struct dvsm_job_size *size);
+					   const struct dvsm_job_size *size, size_t number_bytes);
 
 #endif

@@ -1,5 +1,5 @@
 /* The float32 kernels for AVX2 and FMA. */
-#include "kernels/f32_tier.h"
+#include "kernels/tier.h"
 #include "kernels/vec_avx2.h"
 
 /* 16 registers: 12 sums, 2 loaded, 1 broadcast. */
@@ -8,18 +8,17 @@
 #define ATTENTION_VECTORS 2
 #define ATTENTION_ROWS    6
 
-#include "kernels/f32_math.inc.h"
+#include "kernels/math.inc.h"
 
-#include "kernels/f32_attention.inc.h"
+#include "kernels/number_f32.inc.h"
+
+#include "kernels/norm.inc.h"
+
+#include "kernels/attention.inc.h"
 #include "kernels/f32_gemm.inc.h"
-#include "kernels/f32_norm.inc.h"
 
 const struct dvsm_kernels dvsm_kernels_avx2 = {
 	.cpu = DVSM_CPU_AVX2,
 	.name = "avx2",
-	.gemm = gemm,
-	.layer_norm = layer_norm,
-	.rms_norm = rms_norm,
-	.attention = attention,
-	.to_colour = to_colour,
+	DVSM_KERNEL_FUNCTIONS,
 };

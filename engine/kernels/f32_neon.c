@@ -1,7 +1,7 @@
 /* The float32 kernels for Advanced SIMD (aarch64). */
 #if defined(__aarch64__) /* tools that walk all sources come here on other machines too */
 
-#include "kernels/f32_tier.h"
+#include "kernels/tier.h"
 #include "kernels/vec_neon.h"
 
 /* 32 registers: 24 sums, 4 loaded, 1 broadcast. */
@@ -10,20 +10,19 @@
 #define ATTENTION_VECTORS 4
 #define ATTENTION_ROWS    6
 
-#include "kernels/f32_math.inc.h"
+#include "kernels/math.inc.h"
 
-#include "kernels/f32_attention.inc.h"
+#include "kernels/number_f32.inc.h"
+
+#include "kernels/norm.inc.h"
+
+#include "kernels/attention.inc.h"
 #include "kernels/f32_gemm.inc.h"
-#include "kernels/f32_norm.inc.h"
 
 const struct dvsm_kernels dvsm_kernels_neon = {
 	.cpu = DVSM_CPU_NEON,
 	.name = "neon",
-	.gemm = gemm,
-	.layer_norm = layer_norm,
-	.rms_norm = rms_norm,
-	.attention = attention,
-	.to_colour = to_colour,
+	DVSM_KERNEL_FUNCTIONS,
 };
 
 #endif

@@ -45,3 +45,23 @@ void dvsm_pack_panels(const float *weights, size_t rows, size_t depth, float *pa
 	dvsm_pack_pad(rows, depth, panels);
 	dvsm_pack_run(weights, 0, rows * depth, depth, panels);
 }
+
+bool dvsm_bf16_pack_size(size_t rows, size_t depth, size_t *numbers)
+{
+	size_t padded;
+
+	return dvsm_size_add(depth, 31, &padded) && dvsm_pack_size(rows, padded / 32 * 32, numbers);
+}
+
+void dvsm_bf16_pack(const float *panels, size_t rows, size_t depth, dvsm_bf16 *pairs)
+{
+	for (size_t row = 0; row < rows; row += DVSM_PANEL) {
+		for (size_t d = 0; d < dvsm_bf16_depth(depth); d++) {
+			dvsm_bf16 *place = pairs + dvsm_bf16_place(row, d, depth);
+
+			for (size_t j = 0; j < DVSM_PANEL; j++)
+				place[2 * j] = d < depth ? dvsm_bf16_round(panels[j]) : 0;
+			panels += d < depth ? DVSM_PANEL : 0;
+		}
+	}
+}

@@ -5,12 +5,20 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "kernels/bf16.h"
+
 /** Columns of a weight panel: one 64-byte line of float32. The same for every tier. */
 #define DVSM_PANEL 16u
 
-/** W[out][in] as panels: [ceil(out / 16)][in][16], 64-byte aligned, the last filled up with 0. */
+/**
+ * W[out][in] as panels: [ceil(out / 16)][in][16], 64-byte aligned, the last filled up with 0; and
+ * as bfloat16 pairs: [ceil(out / 16)][ceil(in / 32) * 16][16][2], likewise, with zeros behind `in`.
+ * A pair is what one multiply-add instruction takes, 16 of them side by side a vector, 16 rows of
+ * pairs a tile of AMX.
+ */
 struct dvsm_matrix {
 	const float *panels;
+	const dvsm_bf16 *pairs; /* NULL in a model: made by an engine that needs them */
 	size_t out, in;
 };
 
@@ -31,5 +39,24 @@ void dvsm_pack_run(const float *numbers, size_t first, size_t count, size_t dept
 
 /** Weights [rows][depth] to panels, at once. */
 void dvsm_pack_panels(const float *weights, size_t rows, size_t depth, float *panels);
+
+/** Depth of bfloat16 panels: `depth` rounded up to a whole AMX tile. */
+static inline size_t dvsm_bf16_depth(size_t depth)
+{
+	return (depth + 31) / 32 * 32;
+}
+
+/** Where weight [row][d] lies in bfloat16 panels. */
+static inline size_t dvsm_bf16_place(size_t row, size_t d, size_t depth)
+{
+	return (row / DVSM_PANEL * dvsm_bf16_depth(depth) + d / 2 * 2) * DVSM_PANEL +
+	       row % DVSM_PANEL * 2 + d % 2;
+}
+
+/** Numbers that `rows` x `depth` weights take as bfloat16 panels; false when it does not fit. */
+bool dvsm_bf16_pack_size(size_t rows, size_t depth, size_t *numbers);
+
+/** Panels of floats to panels of bfloat16, rounded to nearest. */
+void dvsm_bf16_pack(const float *panels, size_t rows, size_t depth, dvsm_bf16 *pairs);
 
 #endif

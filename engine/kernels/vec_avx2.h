@@ -5,6 +5,7 @@
 #include <immintrin.h>
 #include <stdint.h>
 
+#include "kernels/bf16.h"
 #include "kernels/vec_sse.h"
 
 #define VF_LANES 8
@@ -110,6 +111,46 @@ static inline float vf_sum(vf a)
 	s = _mm_add_ps(s, _mm_movehl_ps(s, s));
 	s = _mm_add_ss(s, _mm_movehdup_ps(s));
 	return _mm_cvtss_f32(s);
+}
+
+static inline vf vf_load_bf16(const dvsm_bf16 *p)
+{
+	__m128i halves = _mm_loadu_si128((const __m128i *)p);
+
+	return _mm256_castsi256_ps(_mm256_slli_epi32(_mm256_cvtepu16_epi32(halves), 16));
+}
+
+/** Two bfloat16 a lane: the first of each, and the second. */
+static inline void vf_load_pairs(const dvsm_bf16 *p, vf *even, vf *odd)
+{
+	__m256i pairs = _mm256_loadu_si256((const __m256i *)p);
+
+	*even = _mm256_castsi256_ps(_mm256_slli_epi32(pairs, 16));
+	*odd = _mm256_castsi256_ps(_mm256_and_si256(pairs, _mm256_set1_epi32(-0x10000)));
+}
+
+/* Lanes rounded to bfloat16, which is their upper half; the lower is what it was. */
+static inline __m256i vf_bits_bf16(vf a)
+{
+	__m256i bits = _mm256_castps_si256(a);
+	__m256i tie = _mm256_and_si256(_mm256_srli_epi32(bits, 16), _mm256_set1_epi32(1));
+
+	return _mm256_add_epi32(bits, _mm256_add_epi32(tie, _mm256_set1_epi32(0x7fff)));
+}
+
+static inline void vf_store_bf16(dvsm_bf16 *p, vf a)
+{
+	__m256i bits = _mm256_srli_epi32(vf_bits_bf16(a), 16);
+	__m256i packed = _mm256_packus_epi32(bits, bits);
+
+	_mm_storeu_si128((__m128i *)p,
+			 _mm256_castsi256_si128(_mm256_permute4x64_epi64(packed, 0x08)));
+}
+
+/** To the nearest bfloat16, ties to even. */
+static inline vf vf_round_bf16(vf a)
+{
+	return _mm256_castsi256_ps(_mm256_and_si256(vf_bits_bf16(a), _mm256_set1_epi32(-0x10000)));
 }
 
 #endif

@@ -4,6 +4,7 @@
 
 #include <immintrin.h>
 
+#include "kernels/bf16.h"
 #include "kernels/vec_sse.h"
 
 #define VF_LANES 16
@@ -97,6 +98,44 @@ static inline vf vf_if_negative(vf x, vf a, vf b)
 static inline float vf_sum(vf a)
 {
 	return _mm512_reduce_add_ps(a);
+}
+
+static inline vf vf_load_bf16(const dvsm_bf16 *p)
+{
+	__m256i halves = _mm256_loadu_si256((const __m256i *)p);
+
+	return _mm512_castsi512_ps(_mm512_slli_epi32(_mm512_cvtepu16_epi32(halves), 16));
+}
+
+/** Two bfloat16 a lane: the first of each, and the second. */
+static inline void vf_load_pairs(const dvsm_bf16 *p, vf *even, vf *odd)
+{
+	__m512i pairs = _mm512_loadu_si512(p);
+
+	*even = _mm512_castsi512_ps(_mm512_slli_epi32(pairs, 16));
+	*odd = _mm512_castsi512_ps(_mm512_and_si512(pairs, _mm512_set1_epi32(-0x10000)));
+}
+
+/* Lanes rounded to bfloat16, which is their upper half; the lower is what it was. */
+static inline __m512i vf_bits_bf16(vf a)
+{
+	__m512i bits = _mm512_castps_si512(a);
+	__m512i tie = _mm512_and_si512(_mm512_srli_epi32(bits, 16), _mm512_set1_epi32(1));
+
+	return _mm512_add_epi32(bits, _mm512_add_epi32(tie, _mm512_set1_epi32(0x7fff)));
+}
+
+static inline void vf_store_bf16(dvsm_bf16 *p, vf a)
+{
+	__m512i bits = _mm512_srli_epi32(vf_bits_bf16(a), 16);
+
+	_mm256_storeu_si256((__m256i *)p, _mm512_cvtepi32_epi16(bits));
+}
+
+/** To the nearest bfloat16, ties to even. */
+static inline vf vf_round_bf16(vf a)
+{
+	return _mm512_castsi512_ps(_mm512_and_si512(vf_bits_bf16(a), _mm512_set1_epi32(-0x10000)));
 }
 
 #endif

@@ -4,6 +4,8 @@
 #define DVSM_KERNELS_VEC_NEON_H
 
 #include <arm_neon.h>
+
+#include "kernels/bf16.h"
 #include <stddef.h>
 
 #define VF_LANES 4
@@ -121,6 +123,40 @@ static inline void vf_transpose4(const float *in, size_t in_stride, float *out, 
 		  vcombine_f32(vget_high_f32(ab.val[0]), vget_high_f32(cd.val[0])));
 	vst1q_f32(out + 3 * out_stride,
 		  vcombine_f32(vget_high_f32(ab.val[1]), vget_high_f32(cd.val[1])));
+}
+
+static inline vf vf_load_bf16(const dvsm_bf16 *p)
+{
+	return vreinterpretq_f32_u32(vshll_n_u16(vld1_u16(p), 16));
+}
+
+/** Two bfloat16 a lane: the first of each, and the second. */
+static inline void vf_load_pairs(const dvsm_bf16 *p, vf *even, vf *odd)
+{
+	uint32x4_t pairs = vreinterpretq_u32_u16(vld1q_u16(p));
+
+	*even = vreinterpretq_f32_u32(vshlq_n_u32(pairs, 16));
+	*odd = vreinterpretq_f32_u32(vandq_u32(pairs, vdupq_n_u32(0xffff0000u)));
+}
+
+/* Lanes rounded to bfloat16, which is their upper half; the lower is what it was. */
+static inline uint32x4_t vf_bits_bf16(vf a)
+{
+	uint32x4_t bits = vreinterpretq_u32_f32(a);
+	uint32x4_t tie = vandq_u32(vshrq_n_u32(bits, 16), vdupq_n_u32(1));
+
+	return vaddq_u32(bits, vaddq_u32(tie, vdupq_n_u32(0x7fff)));
+}
+
+static inline void vf_store_bf16(dvsm_bf16 *p, vf a)
+{
+	vst1_u16(p, vshrn_n_u32(vf_bits_bf16(a), 16));
+}
+
+/** To the nearest bfloat16, ties to even. */
+static inline vf vf_round_bf16(vf a)
+{
+	return vreinterpretq_f32_u32(vandq_u32(vf_bits_bf16(a), vdupq_n_u32(0xffff0000u)));
 }
 
 #endif

@@ -5,6 +5,7 @@
 
 #include <emmintrin.h>
 
+#include "kernels/bf16.h"
 #include "kernels/vec_sse.h"
 
 #define VF_LANES 4
@@ -114,6 +115,45 @@ static inline float vf_sum(vf a)
 
 	s = _mm_add_ss(s, _mm_shuffle_ps(s, s, 1));
 	return _mm_cvtss_f32(s);
+}
+
+static inline vf vf_load_bf16(const dvsm_bf16 *p)
+{
+	__m128i halves = _mm_loadl_epi64((const __m128i *)p);
+
+	return _mm_castsi128_ps(_mm_unpacklo_epi16(_mm_setzero_si128(), halves));
+}
+
+/** Two bfloat16 a lane: the first of each, and the second. */
+static inline void vf_load_pairs(const dvsm_bf16 *p, vf *even, vf *odd)
+{
+	__m128i pairs = _mm_loadu_si128((const __m128i *)p);
+
+	*even = _mm_castsi128_ps(_mm_slli_epi32(pairs, 16));
+	*odd = _mm_castsi128_ps(_mm_and_si128(pairs, _mm_set1_epi32(-0x10000)));
+}
+
+/* Lanes rounded to bfloat16, which is their upper half; the lower is what it was. */
+static inline __m128i vf_bits_bf16(vf a)
+{
+	__m128i bits = _mm_castps_si128(a);
+	__m128i tie = _mm_and_si128(_mm_srli_epi32(bits, 16), _mm_set1_epi32(1));
+
+	return _mm_add_epi32(bits, _mm_add_epi32(tie, _mm_set1_epi32(0x7fff)));
+}
+
+static inline void vf_store_bf16(dvsm_bf16 *p, vf a)
+{
+	/* Signed, or the pack would saturate. */
+	__m128i bits = _mm_srai_epi32(vf_bits_bf16(a), 16);
+
+	_mm_storel_epi64((__m128i *)p, _mm_packs_epi32(bits, bits));
+}
+
+/** To the nearest bfloat16, ties to even. */
+static inline vf vf_round_bf16(vf a)
+{
+	return _mm_castsi128_ps(_mm_and_si128(vf_bits_bf16(a), _mm_set1_epi32(-0x10000)));
 }
 
 #endif

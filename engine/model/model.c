@@ -71,7 +71,7 @@ static float *take_matrix(struct walk *walk, uint32_t rows, uint32_t columns,
 	float *panels = take(walk, floats, fits);
 	if (panels)
 		dvsm_pack_pad(rows, columns, panels);
-	*matrix = (struct dvsm_matrix){panels, rows, columns};
+	*matrix = (struct dvsm_matrix){.panels = panels, .out = rows, .in = columns};
 	return panels;
 }
 

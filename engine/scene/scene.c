@@ -6,6 +6,7 @@
 #include "base/error.h"
 #include "base/memory.h"
 #include "geometry/rays.h"
+#include "scene/scene_file.h"
 #include "scene/scene_internal.h"
 
 static enum dvsm_status fail_size(const char *what, struct dvsm_error *error)
@@ -20,13 +21,16 @@ static size_t tokens_of(const struct dvsm_camera *camera, uint32_t patch_px)
 }
 
 /* Bytes from the keys to the values: both halves start aligned. */
-static bool half_cache_bytes(uint32_t dim, uint32_t layers, size_t tokens, size_t *bytes)
+static bool half_cache_bytes(uint32_t dim, uint32_t layers, enum dvsm_precision precision,
+			     size_t tokens, size_t *bytes)
 {
 	return dvsm_size_mul(tokens, dim, bytes) && dvsm_size_mul(*bytes, layers, bytes) &&
-	       dvsm_size_mul(*bytes, sizeof(float), bytes) && dvsm_size_align(*bytes, bytes);
+	       dvsm_size_mul(*bytes, dvsm_cache_number_bytes(precision), bytes) &&
+	       dvsm_size_align(*bytes, bytes);
 }
 
 enum dvsm_status dvsm_scene_measure(const struct dvsm_model_config *config,
+				    enum dvsm_precision precision,
 				    const struct dvsm_camera *cameras, uint32_t views,
 				    uint32_t patch_px, size_t *tokens, size_t *cache_bytes,
 				    struct dvsm_error *error)
@@ -36,7 +40,7 @@ enum dvsm_status dvsm_scene_measure(const struct dvsm_model_config *config,
 		if (!dvsm_size_add(total, tokens_of(&cameras[i], patch_px), &total))
 			return fail_size("so many tokens", error);
 	}
-	if (!half_cache_bytes(config->dim, config->layers, total, &half) ||
+	if (!half_cache_bytes(config->dim, config->layers, precision, total, &half) ||
 	    !dvsm_size_mul(half, 2, &bytes))
 		return fail_size("the KV-cache", error);
 	if (tokens)
@@ -58,7 +62,7 @@ enum dvsm_status dvsm_scene_make(const struct dvsm_scene *sizes, bool with_cache
 				 struct dvsm_scene **scene, struct dvsm_error *error)
 {
 	size_t half;
-	if (!half_cache_bytes(sizes->dim, sizes->layers, sizes->tokens, &half) ||
+	if (!half_cache_bytes(sizes->dim, sizes->layers, sizes->precision, sizes->tokens, &half) ||
 	    half > SIZE_MAX / 2)
 		return fail_size("the KV-cache", error);
 
@@ -72,7 +76,7 @@ enum dvsm_status dvsm_scene_make(const struct dvsm_scene *sizes, bool with_cache
 		return fail_size("the KV-cache", error);
 	}
 	if (with_cache)
-		made->values = made->keys + half / sizeof(float);
+		made->values = (unsigned char *)made->keys + half;
 	*scene = made;
 	return DVSM_OK;
 }
@@ -86,18 +90,20 @@ void dvsm_scene_place_cameras(struct dvsm_scene *scene)
 }
 
 enum dvsm_status dvsm_scene_allocate(const struct dvsm_model_config *config,
-				     const char model_sha256[65], const struct dvsm_camera *cameras,
-				     uint32_t views, uint32_t patch_px, struct dvsm_scene **scene,
+				     const char model_sha256[65], enum dvsm_precision precision,
+				     const struct dvsm_camera *cameras, uint32_t views,
+				     uint32_t patch_px, struct dvsm_scene **scene,
 				     struct dvsm_error *error)
 {
 	struct dvsm_scene sizes = {
 		.dim = config->dim,
 		.heads = config->heads,
 		.layers = config->layers,
+		.precision = precision,
 		.views = views,
 		.patch_px = patch_px,
 	};
-	enum dvsm_status status = dvsm_scene_measure(config, cameras, views, patch_px,
+	enum dvsm_status status = dvsm_scene_measure(config, precision, cameras, views, patch_px,
 						     &sizes.tokens, &sizes.cache_bytes, error);
 	if (status != DVSM_OK)
 		return status;
@@ -148,6 +154,11 @@ size_t dvsm_scene_get_cache_bytes(const struct dvsm_scene *scene)
 	return scene->cache_bytes;
 }
 
+enum dvsm_precision dvsm_scene_get_precision(const struct dvsm_scene *scene)
+{
+	return scene->precision;
+}
+
 const char *dvsm_scene_get_model_sha256(const struct dvsm_scene *scene)
 {
 	return scene->model_sha256;
@@ -158,8 +169,9 @@ enum dvsm_status dvsm_scene_copy_cache(const struct dvsm_scene *scene, uint32_t 
 {
 	if (!scene || layer >= scene->layers || !keys || !values)
 		return DVSM_BAD_ARG;
-	size_t bytes = scene->tokens * scene->dim * sizeof(float);
-	memcpy(keys, dvsm_scene_keys(scene, layer, 0), bytes);
-	memcpy(values, dvsm_scene_values(scene, layer, 0), bytes);
+	size_t count = scene->tokens * scene->dim;
+	enum dvsm_dtype dtype = dvsm_scene_dtype(scene->precision);
+	dvsm_dtype_expand(dtype, dvsm_scene_keys(scene, layer, 0), count, keys);
+	dvsm_dtype_expand(dtype, dvsm_scene_values(scene, layer, 0), count, values);
 	return DVSM_OK;
 }

@@ -8,15 +8,24 @@
  *                  sha256         over the config's text, model_sha256 and all tensors' bytes
  *   cameras        F64 [views, 22]   width height fx fy cx cy world_from_camera (row-major 4x4)
  *   normalisation  F64 [13]          axes (3x3), origin, scale
- *   keys, values   F32 [layers, heads, tokens, dim / heads]
+ *   keys, values   F32 or BF16 [layers, heads, tokens, dim / heads], as the precision is
  */
 #ifndef DVSM_SCENE_SCENE_FILE_H
 #define DVSM_SCENE_SCENE_FILE_H
+
+#include "dvsm/engine.h"
+#include "files/dtype.h"
 
 #define DVSM_SCENE_FORMAT  "dvsm-scene"
 #define DVSM_SCENE_VERSION "1"
 
 #define DVSM_SCENE_CAMERA_NUMBERS        22
 #define DVSM_SCENE_NORMALISATION_NUMBERS 13
+
+/** The type of keys and values. */
+static inline enum dvsm_dtype dvsm_scene_dtype(enum dvsm_precision precision)
+{
+	return precision == DVSM_PRECISION_BF16 ? DVSM_DTYPE_BF16 : DVSM_DTYPE_F32;
+}
 
 #endif

@@ -9,9 +9,11 @@
 #include "dvsm/model.h"
 #include "dvsm/scene.h"
 #include "geometry/pose.h"
+#include "kernels/bf16.h"
 
 struct dvsm_scene {
 	uint32_t dim, heads, layers; /* of the model that made it */
+	enum dvsm_precision precision;
 	char model_sha256[65];
 	uint32_t views;
 	uint32_t patch_px;           /* stage patch p1 */
@@ -20,25 +22,37 @@ struct dvsm_scene {
 	size_t tokens;       /* of all views together */
 	struct dvsm_normalisation normalisation;
 	/* The cache, [layers][heads][tokens][dim / heads] each: keys after QK-norm, and values.
-	 * Both lie in one 64-byte aligned allocation that `keys` begins; cache_bytes covers both.
+	 * Float32 or, in bf16, bfloat16; both lie in one 64-byte aligned allocation that `keys`
+	 * begins; cache_bytes covers both.
 	 */
-	float *keys, *values;
+	void *keys, *values;
 	size_t cache_bytes;
 };
 
-/** Keys of one head of one layer: [tokens][dim / heads]. */
-static inline float *dvsm_scene_keys(const struct dvsm_scene *scene, uint32_t layer, uint32_t head)
+/** Bytes of a number of the cache. */
+static inline size_t dvsm_cache_number_bytes(enum dvsm_precision precision)
 {
-	return scene->keys +
-	       ((size_t)layer * scene->heads + head) * scene->tokens * (scene->dim / scene->heads);
+	return precision == DVSM_PRECISION_BF16 ? sizeof(dvsm_bf16) : sizeof(float);
+}
+
+/** Bytes from the start of the keys, or of the values, to those of a head of a layer. */
+static inline size_t dvsm_scene_head_at(const struct dvsm_scene *scene, uint32_t layer,
+					uint32_t head)
+{
+	return ((size_t)layer * scene->heads + head) * scene->tokens * (scene->dim / scene->heads) *
+	       dvsm_cache_number_bytes(scene->precision);
+}
+
+/** Keys of one head of one layer: [tokens][dim / heads]. */
+static inline void *dvsm_scene_keys(const struct dvsm_scene *scene, uint32_t layer, uint32_t head)
+{
+	return (unsigned char *)scene->keys + dvsm_scene_head_at(scene, layer, head);
 }
 
 /** Values of one head of one layer: [tokens][dim / heads]. */
-static inline float *dvsm_scene_values(const struct dvsm_scene *scene, uint32_t layer,
-				       uint32_t head)
+static inline void *dvsm_scene_values(const struct dvsm_scene *scene, uint32_t layer, uint32_t head)
 {
-	return scene->values +
-	       ((size_t)layer * scene->heads + head) * scene->tokens * (scene->dim / scene->heads);
+	return (unsigned char *)scene->values + dvsm_scene_head_at(scene, layer, head);
 }
 
 /**
@@ -50,6 +64,7 @@ static inline float *dvsm_scene_values(const struct dvsm_scene *scene, uint32_t 
  * DVSM_NO_MEM  does not fit the address space
  */
 enum dvsm_status dvsm_scene_measure(const struct dvsm_model_config *config,
+				    enum dvsm_precision precision,
 				    const struct dvsm_camera *cameras, uint32_t views,
 				    uint32_t patch_px, size_t *tokens, size_t *cache_bytes,
 				    struct dvsm_error *error);
@@ -59,14 +74,15 @@ enum dvsm_status dvsm_scene_measure(const struct dvsm_model_config *config,
  * undefined. Release with dvsm_scene_destroy().
  */
 enum dvsm_status dvsm_scene_allocate(const struct dvsm_model_config *config,
-				     const char model_sha256[65], const struct dvsm_camera *cameras,
-				     uint32_t views, uint32_t patch_px, struct dvsm_scene **scene,
+				     const char model_sha256[65], enum dvsm_precision precision,
+				     const struct dvsm_camera *cameras, uint32_t views,
+				     uint32_t patch_px, struct dvsm_scene **scene,
 				     struct dvsm_error *error);
 
 /**
  * The two steps of dvsm_scene_allocate(), for a reader that learns the cameras later: make room as
- * dim, layers, views and tokens of `sizes` say, then, with `cameras` filled in, place their tokens
- * and compute the normalisation.
+ * dim, layers, precision, views and tokens of `sizes` say, then, with `cameras` filled in, place
+ * their tokens and compute the normalisation.
  *
  * with_cache   false leaves keys and values NULL
  */

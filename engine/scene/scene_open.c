@@ -23,6 +23,7 @@ struct reading {
 	const char *config_text, *model_sha256, *sha256;
 	struct dvsm_model_config sizes; /* dim, heads, layers */
 	uint32_t patch_px, views;
+	enum dvsm_precision precision; /* told by the type of the cache */
 	struct dvsm_tensor *cameras, *normalisation, *keys, *values;
 	double *camera_numbers; /* [views][22] as they lie in the file; owned */
 	double normalisation_numbers[DVSM_SCENE_NORMALISATION_NUMBERS];
@@ -93,7 +94,7 @@ static enum dvsm_status check_model(const struct reading *r, const struct dvsm_m
 /* Find the four tensors and check what the header alone can tell. */
 static enum dvsm_status find_tensors(struct reading *r, struct dvsm_error *error)
 {
-	const enum dvsm_dtype f64 = DVSM_DTYPE_F64, f32 = DVSM_DTYPE_F32;
+	const enum dvsm_dtype f64 = DVSM_DTYPE_F64;
 	struct dvsm_tensor *cameras = dvsm_safetensors_find(&r->file, "cameras");
 	uint64_t views = cameras && cameras->rank == 2 ? cameras->shape[0] : 1;
 	if (views < 1 || views > DVSM_MAX_VIEWS)
@@ -117,11 +118,24 @@ static enum dvsm_status find_tensors(struct reading *r, struct dvsm_error *error
 	const uint64_t cache_shape[4] = {r->sizes.layers, r->sizes.heads,
 					 keys && keys->rank == 4 ? keys->shape[2] : 0,
 					 r->sizes.dim / r->sizes.heads};
-	status = dvsm_safetensors_require(&r->file, "keys", &f32, 4, cache_shape, &r->keys, error);
+	if (keys && keys->dtype == DVSM_DTYPE_BF16)
+		r->precision = DVSM_PRECISION_BF16;
+	const enum dvsm_dtype dtype = dvsm_scene_dtype(r->precision);
+	status =
+		dvsm_safetensors_require(&r->file, "keys", &dtype, 4, cache_shape, &r->keys, error);
 	if (status == DVSM_OK)
-		status = dvsm_safetensors_require(&r->file, "values", &f32, 4, cache_shape,
+		status = dvsm_safetensors_require(&r->file, "values", &dtype, 4, cache_shape,
 						  &r->values, error);
 	return status;
+}
+
+/* Numbers that were bfloat16 in the file are so again. */
+static void place_bf16(const struct dvsm_tensor *tensor, size_t first, const float *numbers,
+		       size_t count)
+{
+	dvsm_bf16 *to = (dvsm_bf16 *)tensor->destination + first;
+	for (size_t i = 0; i < count; i++)
+		to[i] = dvsm_bf16_round(numbers[i]);
 }
 
 /* Room for what the tensors hold; the header's sizes were checked against the file's. */
@@ -131,6 +145,7 @@ static enum dvsm_status make_room(struct reading *r, bool with_cache, struct dvs
 		.dim = r->sizes.dim,
 		.heads = r->sizes.heads,
 		.layers = r->sizes.layers,
+		.precision = r->precision,
 		.views = r->views,
 		.patch_px = r->patch_px,
 		.tokens = (size_t)r->keys->shape[2],
@@ -146,6 +161,8 @@ static enum dvsm_status make_room(struct reading *r, bool with_cache, struct dvs
 	r->normalisation->destination = r->normalisation_numbers;
 	r->keys->destination = r->scene->keys;
 	r->values->destination = r->scene->values;
+	if (r->precision == DVSM_PRECISION_BF16)
+		r->keys->place = r->values->place = place_bf16;
 	return DVSM_OK;
 }
 
@@ -310,6 +327,7 @@ enum dvsm_status dvsm_scene_probe(const char *path, struct dvsm_scene_info *info
 		.patch_px = scene->patch_px,
 		.tokens = scene->tokens,
 		.cache_bytes = scene->cache_bytes,
+		.precision = scene->precision,
 	};
 	memcpy(info->model_sha256, scene->model_sha256, sizeof(info->model_sha256));
 	dvsm_scene_destroy(scene);

@@ -41,7 +41,9 @@ static enum dvsm_status write_scene(const struct dvsm_scene *scene, const double
 	double normalisation[DVSM_SCENE_NORMALISATION_NUMBERS];
 	pack_normalisation(&scene->normalisation, normalisation);
 	size_t camera_bytes = scene->views * DVSM_SCENE_CAMERA_NUMBERS * sizeof(double);
-	size_t cache_bytes = scene->layers * scene->tokens * scene->dim * sizeof(float);
+	size_t cache_bytes = scene->layers * scene->tokens * scene->dim *
+			     dvsm_cache_number_bytes(scene->precision);
+	enum dvsm_dtype dtype = dvsm_scene_dtype(scene->precision);
 	const struct dvsm_tensor_out tensors[] = {
 		{"cameras",
 		 DVSM_DTYPE_F64,
@@ -56,13 +58,13 @@ static enum dvsm_status write_scene(const struct dvsm_scene *scene, const double
 		 normalisation,
 		 sizeof(normalisation)},
 		{"keys",
-		 DVSM_DTYPE_F32,
+		 dtype,
 		 4,
 		 {scene->layers, scene->heads, scene->tokens, scene->dim / scene->heads},
 		 scene->keys,
 		 cache_bytes},
 		{"values",
-		 DVSM_DTYPE_F32,
+		 dtype,
 		 4,
 		 {scene->layers, scene->heads, scene->tokens, scene->dim / scene->heads},
 		 scene->values,

@@ -13,6 +13,7 @@ struct setup {
 	uint32_t dim, heads, layers, patch_px, mlp_ratio;
 	uint32_t side_px, views, threads, runs;
 	uint32_t cpu_mask;
+	enum dvsm_precision precision;
 };
 
 static const char usage[] =
@@ -26,8 +27,9 @@ static const char usage[] =
 	"  --side S       picture side in pixels; (S/Q)^2 tokens a view (256)\n"
 	"  --views V      context views (4)\n"
 	"  --threads T    0 for all processors (0)\n"
+	"  --precision P  f32 or bf16 (f32)\n"
 	"  --runs N       timed runs of each, after one that is not (7)\n"
-	"  --cpu TIER     scalar, sse2, avx2, avx512 or neon (the best)\n";
+	"  --cpu TIER     scalar, sse2, avx2, avx512, avx512bf16, amx, neon, ... (the best)\n";
 
 static uint32_t number(const char *text)
 {
@@ -43,7 +45,7 @@ static uint32_t number(const char *text)
 
 static uint32_t tier(const char *name)
 {
-	for (uint32_t cpu = DVSM_CPU_SCALAR; cpu <= DVSM_CPU_NEON; cpu <<= 1) {
+	for (uint32_t cpu = DVSM_CPU_SCALAR; cpu <= DVSM_CPU_NEON_BF16; cpu <<= 1) {
 		if (strcmp(dvsm_cpu_name(cpu), name) == 0 && (dvsm_cpu_detect() & cpu))
 			return cpu;
 	}
@@ -51,15 +53,25 @@ static uint32_t tier(const char *name)
 	exit(2);
 }
 
+static enum dvsm_precision precision(const char *name)
+{
+	for (int i = DVSM_PRECISION_F32; i <= DVSM_PRECISION_FIXED; i++) {
+		if (strcmp(dvsm_precision_name((enum dvsm_precision)i), name) == 0)
+			return (enum dvsm_precision)i;
+	}
+	fprintf(stderr, "bench_engine: '%s' is not f32, bf16 or fixed\n", name);
+	exit(2);
+}
+
 static struct setup parse(int argc, char **argv)
 {
 	static const struct option options[] = {
-		{"dim", 1, NULL, 'd'},     {"heads", 1, NULL, 'h'}, {"layers", 1, NULL, 'l'},
-		{"patch", 1, NULL, 'p'},   {"side", 1, NULL, 's'},  {"views", 1, NULL, 'v'},
-		{"threads", 1, NULL, 't'}, {"runs", 1, NULL, 'n'},  {"cpu", 1, NULL, 'c'},
-		{"help", 0, NULL, '?'},    {NULL, 0, NULL, 0},
+		{"dim", 1, NULL, 'd'},       {"heads", 1, NULL, 'h'}, {"layers", 1, NULL, 'l'},
+		{"patch", 1, NULL, 'p'},     {"side", 1, NULL, 's'},  {"views", 1, NULL, 'v'},
+		{"threads", 1, NULL, 't'},   {"runs", 1, NULL, 'n'},  {"cpu", 1, NULL, 'c'},
+		{"precision", 1, NULL, 'x'}, {"help", 0, NULL, '?'},  {NULL, 0, NULL, 0},
 	};
-	struct setup setup = {384, 6, 8, 16, 4, 256, 4, 0, 7, 0};
+	struct setup setup = {384, 6, 8, 16, 4, 256, 4, 0, 7, 0, DVSM_PRECISION_F32};
 	int option;
 
 	while ((option = getopt_long(argc, argv, "", options, NULL)) != -1) {
@@ -87,6 +99,9 @@ static struct setup parse(int argc, char **argv)
 			break;
 		case 'n':
 			setup.runs = number(optarg);
+			break;
+		case 'x':
+			setup.precision = precision(optarg);
 			break;
 		case 'c':
 			setup.cpu_mask = tier(optarg);
@@ -187,8 +202,8 @@ int main(int argc, char **argv)
 		.mlp_ratio = setup.mlp_ratio,
 		.norm_eps = 1e-6,
 	};
-	const struct dvsm_engine_options options = {.threads = setup.threads,
-						    .cpu_mask = setup.cpu_mask};
+	const struct dvsm_engine_options options = {
+		.threads = setup.threads, .cpu_mask = setup.cpu_mask, .precision = setup.precision};
 	struct support_random random = {1};
 	struct dvsm_model *model = support_random_model(&config, &random);
 	struct dvsm_view *views = make_views(&setup, &random);

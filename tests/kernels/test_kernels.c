@@ -325,9 +325,9 @@ static void rms_norm_agrees_for_every_width_and_stride(void **state)
 			struct support_guarded got = fill(rows * dim, 1.0f);
 			struct support_guarded want = fill(rows * dim, 1.0f);
 
-			dvsm_kernels_scalar.rms_norm(x.data, stride, rows, dim, w.data, 1e-6f,
+			dvsm_kernels_scalar.key_norm(x.data, stride, rows, dim, w.data, 1e-6f,
 						     want.data, dim);
-			tiers[t]->rms_norm(x.data, stride, rows, dim, w.data, 1e-6f, got.data, dim);
+			tiers[t]->key_norm(x.data, stride, rows, dim, w.data, 1e-6f, got.data, dim);
 			/* A sum of positive squares: relative error below dim 2^-24. */
 			for (size_t i = 0; i < rows * dim; i++)
 				expect_near(tiers[t]->name, "rms_norm", i, got.data[i],
@@ -506,15 +506,16 @@ static void the_mask_chooses_the_tier_and_scalar_is_always_there(void **state)
 
 	(void)state;
 	assert_true(present & DVSM_CPU_SCALAR);
-	assert_ptr_equal(dvsm_kernels_choose(0), &dvsm_kernels_scalar);
-	assert_ptr_equal(dvsm_kernels_choose(DVSM_CPU_SCALAR), &dvsm_kernels_scalar);
+	assert_ptr_equal(dvsm_kernels_choose(DVSM_PRECISION_F32, 0), &dvsm_kernels_scalar);
+	assert_ptr_equal(dvsm_kernels_choose(DVSM_PRECISION_F32, DVSM_CPU_SCALAR),
+			 &dvsm_kernels_scalar);
 	assert_string_equal(dvsm_cpu_name(DVSM_CPU_SCALAR), "scalar");
 	for (uint32_t cpu = DVSM_CPU_SCALAR; cpu <= DVSM_CPU_NEON; cpu <<= 1) {
-		const struct dvsm_kernels *kernels = dvsm_kernels_choose(cpu);
+		const struct dvsm_kernels *kernels = dvsm_kernels_choose(DVSM_PRECISION_F32, cpu);
 
 		assert_int_equal(kernels->cpu, present & cpu ? cpu : (uint32_t)DVSM_CPU_SCALAR);
 	}
-	const struct dvsm_kernels *best = dvsm_kernels_choose(DVSM_CPU_ALL);
+	const struct dvsm_kernels *best = dvsm_kernels_choose(DVSM_PRECISION_F32, DVSM_CPU_ALL);
 
 	assert_string_equal(best->name, dvsm_cpu_name(best->cpu));
 	assert_true(present & best->cpu);
@@ -551,7 +552,7 @@ static int find_tiers(void **state)
 	rng = support_random_seeded("test_kernels");
 	for (uint32_t cpu = DVSM_CPU_SCALAR; cpu <= DVSM_CPU_NEON; cpu <<= 1) {
 		if (dvsm_cpu_detect() & cpu)
-			tiers[tier_count++] = dvsm_kernels_choose(cpu);
+			tiers[tier_count++] = dvsm_kernels_choose(DVSM_PRECISION_F32, cpu);
 	}
 	return 0;
 }

@@ -78,7 +78,7 @@ static const struct extreme extremes[] = {
 	WEIGHTS("scores to 10", stress_twist_scores, 10, LIMITS_USUAL),
 	WEIGHTS("scores to 100", stress_twist_scores, 100, {5e-5, 0.5, 0.5}),
 	WEIGHTS("scores to 1000", stress_twist_scores, 1000, {5e-3, 1, 1}),
-	WEIGHTS("scores to 1e6", stress_twist_scores, 1e6, LIMITS_USUAL),
+	WEIGHTS("scores to 1e6", stress_twist_scores, 1e6, {2e-6, 1, 5e-2}),
 	WEIGHTS("keys alike to 1e-2", stress_twist_equal_keys, 1e2, LIMITS_USUAL),
 	WEIGHTS("keys alike to 1e-4", stress_twist_equal_keys, 1e4, LIMITS_USUAL),
 	WEIGHTS("keys of size 1e-3", stress_twist_tiny_keys, 1e3, LIMITS_USUAL),

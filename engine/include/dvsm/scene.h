@@ -28,6 +28,9 @@ DVSM_API uint32_t dvsm_scene_get_patch_px(const struct dvsm_scene *scene);
 /** Bytes of the KV-cache: L x 2 x (V N) x D x bytes of a number. */
 DVSM_API size_t dvsm_scene_get_cache_bytes(const struct dvsm_scene *scene);
 
+/** The precision it was reconstructed in, which is the one it is rendered in. */
+DVSM_API enum dvsm_precision dvsm_scene_get_precision(const struct dvsm_scene *scene);
+
 /** SHA-256 (hex) of the model that made it. */
 DVSM_API const char *dvsm_scene_get_model_sha256(const struct dvsm_scene *scene);
 
@@ -61,6 +64,7 @@ struct dvsm_scene_info {
 	uint32_t views, layers, heads, dim, patch_px;
 	uint64_t tokens;
 	size_t cache_bytes;
+	enum dvsm_precision precision;
 	char model_sha256[65];
 };
 DVSM_API enum dvsm_status dvsm_scene_probe(const char *path, struct dvsm_scene_info *info,

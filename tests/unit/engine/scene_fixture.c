@@ -28,14 +28,15 @@ struct dvsm_scene *scene_fixture_make(const struct dvsm_model *model)
 	rig[2].height = 61;
 	struct dvsm_scene *scene = NULL;
 	assert_int_equal(dvsm_scene_allocate(dvsm_model_get_config(model),
-					     dvsm_model_get_sha256(model), rig, SCENE_FIXTURE_VIEWS,
-					     16, &scene, NULL),
+					     dvsm_model_get_sha256(model), DVSM_PRECISION_F32, rig,
+					     SCENE_FIXTURE_VIEWS, 16, &scene, NULL),
 			 DVSM_OK);
 	uint64_t state = 9;
 	size_t count = (size_t)scene->layers * scene->tokens * scene->dim;
+	float *keys = scene->keys, *values = scene->values;
 	for (size_t i = 0; i < count; i++) {
-		scene->keys[i] = (float)fixture_random(&state);
-		scene->values[i] = (float)fixture_random(&state);
+		keys[i] = (float)fixture_random(&state);
+		values[i] = (float)fixture_random(&state);
 	}
 	return scene;
 }

@@ -187,13 +187,13 @@ static void a_non_finite_number_is_refused_though_the_checksum_fits(void **state
 {
 	struct house *house = *state;
 	struct dvsm_scene *scene = house->scene;
-	float kept = scene->keys[17];
-	scene->keys[17] = NAN;
+	float *keys = scene->keys, *values = scene->values, kept = keys[17];
+	keys[17] = NAN;
 	assert_scene_refused(house, "tensor keys: number 17 is not finite");
-	scene->keys[17] = kept;
-	scene->values[0] = -INFINITY;
+	keys[17] = kept;
+	values[0] = -INFINITY;
 	assert_scene_refused(house, "tensor values: number 0 is not finite");
-	scene->values[0] = 0;
+	values[0] = 0;
 	scene->cameras[1].world_from_camera[3] = NAN;
 	assert_scene_refused(house, "tensor cameras: number 31 is not finite");
 	scene->cameras[1].world_from_camera[3] = 0;
@@ -316,9 +316,9 @@ static void sizes_beyond_memory_are_refused_and_not_wrapped(void **state)
 		cameras[i].width = cameras[i].height = DVSM_MAX_SIDE_PX;
 	size_t tokens = 7, bytes = 7;
 	struct dvsm_error error = {""};
-	assert_int_equal(
-		dvsm_scene_measure(&config, cameras, DVSM_MAX_VIEWS, 1, &tokens, &bytes, &error),
-		DVSM_NO_MEM);
+	assert_int_equal(dvsm_scene_measure(&config, DVSM_PRECISION_F32, cameras, DVSM_MAX_VIEWS, 1,
+					    &tokens, &bytes, &error),
+			 DVSM_NO_MEM);
 	assert_text_has(&error, "KV-cache");
 	assert_int_equal(tokens, 7);
 	assert_int_equal(bytes, 7);

@@ -1,6 +1,6 @@
-/* What every f32_<tier>.c needs before the templates. */
-#ifndef DVSM_KERNELS_F32_TIER_H
-#define DVSM_KERNELS_F32_TIER_H
+/* What every tier needs before the templates. */
+#ifndef DVSM_KERNELS_TIER_H
+#define DVSM_KERNELS_TIER_H
 
 #include <math.h>
 #include <string.h>

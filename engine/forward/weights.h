@@ -1,0 +1,27 @@
+/* A model's weights as the engine's precision reads them. Private to engine/forward. */
+#ifndef DVSM_FORWARD_WEIGHTS_H
+#define DVSM_FORWARD_WEIGHTS_H
+
+#include "dvsm/engine.h"
+#include "model/model.h"
+
+/** The model's own vectors and matrices, the latter with `pairs` where the precision needs them. */
+struct dvsm_engine_weights {
+	struct dvsm_weights w;
+	void *block; /* of the pairs; NULL for f32; owned, as w.blocks is */
+	size_t bytes;
+};
+
+/**
+ * Make them from a model, which is borrowed. Release with dvsm_engine_weights_deinit(), which takes
+ * zeroed ones too.
+ *
+ * DVSM_NO_MEM  no memory for them
+ */
+enum dvsm_status dvsm_engine_weights_init(const struct dvsm_model *model,
+					  enum dvsm_precision precision,
+					  struct dvsm_engine_weights *weights,
+					  struct dvsm_error *error);
+void dvsm_engine_weights_deinit(struct dvsm_engine_weights *weights);
+
+#endif

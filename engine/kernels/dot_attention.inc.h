@@ -1,0 +1,162 @@
+/*
+ * Template: one-pass attention over pairs of bfloat16. Included once by each tier that multiplies
+ * them, after number_bf16.inc.h and after ATTENTION_VECTORS and ATTENTION_ROWS as in
+ * attention.inc.h, whose shape it has: queries along the lanes, keys and values read one pair at a
+ * time for all queries. The values of two keys are laid side by side first.
+ */
+
+#include "kernels/attention_state.inc.h"
+#include "kernels/dot_weigh.inc.h"
+
+static void prepare(const struct attention_state *state, size_t head_dim)
+{
+	zip_queries(state, head_dim, head_dim);
+}
+
+/* sums[i] += pair x(i) of each row times the lanes' pairs at b. */
+DVSM_INLINE void attention_step(const int rows, const vp x[ATTENTION_ROWS], const number *lanes,
+				vf sums[ATTENTION_ROWS][ATTENTION_VECTORS])
+{
+	vp b[ATTENTION_VECTORS];
+
+	DVSM_UNROLL
+	for (int j = 0; j < ATTENTION_VECTORS; j++)
+		b[j] = vp_load(lanes + 2 * j * VF_LANES);
+	DVSM_UNROLL
+	for (int i = 0; i < rows; i++) {
+		DVSM_UNROLL
+		for (int j = 0; j < ATTENTION_VECTORS; j++)
+			sums[i][j] = vp_dot(sums[i][j], x[i], b[j]);
+	}
+}
+
+DVSM_INLINE void clear_rows(const int rows, vf sums[ATTENTION_ROWS][ATTENTION_VECTORS])
+{
+	DVSM_UNROLL
+	for (int i = 0; i < rows; i++) {
+		DVSM_UNROLL
+		for (int j = 0; j < ATTENTION_VECTORS; j++)
+			sums[i][j] = vf_set(0.0f);
+	}
+}
+
+/* Scores of `rows` keys (a constant where it is called). */
+DVSM_INLINE void score_rows(const int rows, const number *k, size_t head_dim, const number *q,
+			    float *scores)
+{
+	vf sums[ATTENTION_ROWS][ATTENTION_VECTORS];
+	vp x[ATTENTION_ROWS];
+	size_t d = 0;
+
+	clear_rows(rows, sums);
+	for (; d + 2 <= head_dim; d += 2) {
+		DVSM_UNROLL
+		for (int i = 0; i < rows; i++)
+			x[i] = vp_set(k + (size_t)i * head_dim + d);
+		attention_step(rows, x, q + d * QUERY_LANES, sums);
+	}
+	if (d < head_dim) {
+		DVSM_UNROLL
+		for (int i = 0; i < rows; i++)
+			x[i] = vp_set_half(k + (size_t)i * head_dim + d);
+		attention_step(rows, x, q + d * QUERY_LANES, sums);
+	}
+	DVSM_UNROLL
+	for (int i = 0; i < rows; i++) {
+		DVSM_UNROLL
+		for (int j = 0; j < ATTENTION_VECTORS; j++)
+			vf_store(scores + i * QUERY_LANES + j * VF_LANES, sums[i][j]);
+	}
+}
+
+/*
+ * out = out shrink + weights v, for `rows` numbers of the head (a constant where it is called).
+ *
+ * v   pairs of keys: [ceil(keys / 2)][head_dim][2]
+ */
+DVSM_INLINE void value_rows(const int rows, const number *v, size_t head_dim, size_t keys,
+			    const struct attention_state *state, float *out)
+{
+	const number *weights = (const number *)state->scores;
+	vf sums[ATTENTION_ROWS][ATTENTION_VECTORS];
+	vp x[ATTENTION_ROWS];
+
+	clear_rows(rows, sums);
+	for (size_t key = 0; key < keys; key += 2) {
+		DVSM_UNROLL
+		for (int i = 0; i < rows; i++)
+			x[i] = vp_set(v + key * head_dim + 2 * (size_t)i);
+		attention_step(rows, x, weights + key * QUERY_LANES, sums);
+	}
+	DVSM_UNROLL
+	for (int i = 0; i < rows; i++) {
+		DVSM_UNROLL
+		for (int j = 0; j < ATTENTION_VECTORS; j++) {
+			float *o = out + i * QUERY_LANES + j * VF_LANES;
+			vf shrink = vf_load(state->shrink + j * VF_LANES);
+
+			vf_store(o, vf_fma(vf_load(o), shrink, sums[i][j]));
+		}
+	}
+}
+
+/* The values of two keys side by side; a missing last one is 0. */
+static void zip_values(const number *v, size_t keys, size_t head_dim, number *pairs)
+{
+	for (size_t key = 0; key < keys; key += 2, v += 2 * head_dim, pairs += 2 * head_dim) {
+		if (key + 1 < keys) {
+			for (size_t d = 0; d < head_dim; d++) {
+				pairs[2 * d] = v[d];
+				pairs[2 * d + 1] = v[head_dim + d];
+			}
+		} else {
+			for (size_t d = 0; d < head_dim; d++) {
+				pairs[2 * d] = v[d];
+				pairs[2 * d + 1] = 0;
+			}
+		}
+	}
+}
+
+/* One tile of up to DVSM_ATTENTION_KEYS keys. */
+static void attend(const struct attention_state *state, const number *k, const number *values,
+		   size_t keys, size_t head_dim)
+{
+	number *v = (number *)(state->room + DVSM_ATTENTION_KEYS * head_dim);
+	size_t i = 0;
+
+#define SCORES(count)                                                                              \
+	do {                                                                                       \
+		score_rows(count, k + i * head_dim, head_dim, query_pairs(state),                  \
+			   state->scores + i * QUERY_LANES);                                       \
+		i += (count);                                                                      \
+	} while (0)
+
+	while (i + ATTENTION_ROWS <= keys)
+		SCORES(ATTENTION_ROWS);
+	if (i + 4 <= keys)
+		SCORES(4);
+	while (i < keys)
+		SCORES(1);
+#undef SCORES
+
+	weigh(state, keys);
+	zip_values(values, keys, head_dim, v);
+
+#define VALUES(count)                                                                              \
+	do {                                                                                       \
+		value_rows(count, v + 2 * i, head_dim, keys, state, state->out + i * QUERY_LANES); \
+		i += (count);                                                                      \
+	} while (0)
+
+	i = 0;
+	while (i + ATTENTION_ROWS <= head_dim)
+		VALUES(ATTENTION_ROWS);
+	if (i + 4 <= head_dim)
+		VALUES(4);
+	while (i < head_dim)
+		VALUES(1);
+#undef VALUES
+}
+
+#include "kernels/attention_frame.inc.h"

@@ -1,0 +1,33 @@
+/* The bfloat16 tables that this machine can run. */
+#ifndef TESTS_KERNELS_BF16_TIERS_H
+#define TESTS_KERNELS_BF16_TIERS_H
+
+#include "kernels/kernels.h"
+
+#define BF16_TIERS 8
+
+/** Fill `tiers` and return how many there are. */
+static inline size_t bf16_tiers(const struct dvsm_kernels *tiers[BF16_TIERS])
+{
+	static const struct dvsm_kernels *const all[] = {
+		&dvsm_kernels_bf16_scalar,
+#if defined(__x86_64__)
+		&dvsm_kernels_bf16_sse2,
+		&dvsm_kernels_bf16_avx2,
+		&dvsm_kernels_bf16_avx512,
+		&dvsm_kernels_bf16_avx512bf16,
+#elif defined(__aarch64__)
+		&dvsm_kernels_bf16_neon,
+#endif
+	};
+	uint32_t present = dvsm_cpu_detect();
+	size_t count = 0;
+
+	for (size_t i = 0; i < sizeof(all) / sizeof(all[0]); i++) {
+		if (present & all[i]->cpu)
+			tiers[count++] = all[i];
+	}
+	return count;
+}
+
+#endif
