@@ -6,6 +6,10 @@
 
 #include "dio/camera.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /**
  * One backend. Started and stopped states, counting of deliveries and NULL checks are camera.c's;
  * the contract of each function is that of its public namesake in dio/camera.h.
@@ -39,5 +43,11 @@ enum dio_status dio_replay_open(const char *path, const struct dio_camera_option
 /** `words` is what follows "sim:". */
 enum dio_status dio_sim_open(const char *words, const struct dio_camera_options *options,
 			     struct dio_camera **camera, struct dio_error *error);
+/** `id` is what follows "libcamera:": a number, or the identity that `cam --list` prints. */
+enum dio_status dio_libcamera_open(const char *id, const struct dio_camera_options *options,
+				   struct dio_camera **camera, struct dio_error *error);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

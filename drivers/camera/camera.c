@@ -27,6 +27,21 @@ static enum dio_status check_options(const struct dio_camera_options *options,
 	return DIO_OK;
 }
 
+static enum dio_status open_libcamera(const char *id, const struct dio_camera_options *options,
+				      struct dio_camera **camera, struct dio_error *error)
+{
+#ifdef DIO_HAVE_LIBCAMERA
+	return dio_libcamera_open(id, options, camera, error);
+#else
+	(void)options;
+	(void)camera;
+	return dio_fail(error, DIO_UNSUPPORTED,
+			"camera libcamera:%s: this build has no libcamera; install libcamera-dev "
+			"and build again",
+			id);
+#endif
+}
+
 enum dio_status dio_camera_open(const char *spec, const struct dio_camera_options *options,
 				struct dio_camera **camera, struct dio_error *error)
 {
@@ -47,6 +62,8 @@ enum dio_status dio_camera_open(const char *spec, const struct dio_camera_option
 		return dio_v4l2_open(spec + 5, options, camera, error);
 	if (begins_with(spec, "sim:"))
 		return dio_sim_open(spec + 4, options, camera, error);
+	if (begins_with(spec, "libcamera:"))
+		return open_libcamera(spec + 10, options, camera, error);
 	if (begins_with(spec, "replay:"))
 		return dio_replay_open(spec + 7, options, camera, error);
 	if (begins_with(spec, "/dev/"))

@@ -1,4 +1,4 @@
-/* Cameras behind one small interface: V4L2 devices, replay of files, the simulated camera. */
+/* Cameras behind one small interface: V4L2, libcamera, replay of files, the simulated camera. */
 #ifndef DIO_CAMERA_H
 #define DIO_CAMERA_H
 
@@ -66,8 +66,9 @@ struct dio_camera_controls {
 /**
  * Open a camera.
  *
- * spec   `v4l2:/dev/video0` or `/dev/video0`; `sim:table?seed=7&width=640&...`;
- *        `replay:PATH`, or a PATH to a folder of pictures or to a recording
+ * spec   `v4l2:/dev/video0` or `/dev/video0`; `libcamera:0` or `libcamera:IDENTITY`;
+ * `sim:table?seed=7&width=640&...`; `replay:PATH`, or a PATH to a folder of pictures or to a
+ * recording
  *
  * DIO_NOT_FOUND, DIO_BUSY, DIO_BAD_ARG (a specification that cannot be read; the text says which
  * word), DIO_UNSUPPORTED (no format in common)
