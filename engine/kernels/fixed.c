@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "kernels/fixed_math.h"
+#include "kernels/fixed_tiers.h"
 
 const uint16_t dvsm_fixed_rsqrt_guess[96] = {
 	65030, 64052, 63117, 62222, 61363, 60540, 59748, 58987, 58254, 57548, 56867, 56210,
@@ -41,6 +42,9 @@ void dvsm_fixed_pack_panels(const int8_t *weights, size_t cols, size_t depth, in
 /* Best last: each tier replaces what it does better than those before it. */
 static const struct dvsm_fixed_kernels *const tiers[] = {
 	&dvsm_fixed_kernels_scalar,
+#if defined(__x86_64__)
+	&dvsm_fixed_kernels_vnni,
+#endif
 };
 
 #define OVERLAY(name)                                                                              \

@@ -1,0 +1,12 @@
+/* The x86-64 sets of fixed-point kernels, and the functions that they share. Private. */
+#ifndef DVSM_KERNELS_FIXED_TIERS_H
+#define DVSM_KERNELS_FIXED_TIERS_H
+
+#include "kernels/fixed.h"
+
+dvsm_fixed_gemm_fn dvsm_fixed_gemm_vnni;
+dvsm_fixed_attention_fn dvsm_fixed_attention_vnni;
+
+extern const struct dvsm_fixed_kernels dvsm_fixed_kernels_vnni;
+
+#endif
