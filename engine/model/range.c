@@ -23,6 +23,13 @@
 /* Every score must beat the float kernels' lowest one, and differences must stay finite. */
 #define LARGEST_SCORE 1e29
 
+/* A LayerNorm takes the mean off, which may double a number, and adds dim squares; half of that
+ * again is left for rounding. */
+static double largest_number(const struct dvsm_model_config *config)
+{
+	return 0.25 * sqrt(FLT_MAX / config->dim);
+}
+
 struct range {
 	const struct dvsm_safetensors *file;
 	const struct dvsm_model_config *config;
@@ -93,9 +100,7 @@ enum dvsm_status dvsm_range_check(const struct dvsm_safetensors *file,
 		.file = file,
 		.config = config,
 		.error = error,
-		/* A LayerNorm takes the mean off, which may double a number, and adds dim squares;
-		 * half of that again is left for rounding. */
-		.limit = 0.25 * sqrt(FLT_MAX / dim),
+		.limit = largest_number(config),
 	};
 	double ray = 6 * area * LARGEST_RAY * largest(&range, "patch_ray.weight");
 	double colour = 3 * area * LARGEST_COLOUR * largest(&range, "patch_rgb.weight");
@@ -111,4 +116,21 @@ enum dvsm_status dvsm_range_check(const struct dvsm_safetensors *file,
 		   dim * largest(&range, "final_norm.weight") * largest(&range, "to_rgb.weight"),
 		   range.limit, "to_rgb.weight");
 	return range.status;
+}
+
+bool dvsm_range_holds_cache(const struct dvsm_model *model, double largest_key,
+			    double largest_value)
+{
+	const struct dvsm_model_config *config = &model->config;
+	const double limit = largest_number(config);
+	const uint32_t head_dim = config->dim / config->heads;
+	float query = 0;
+	for (uint32_t i = 0; i < config->layers; i++) {
+		const float *q_norm = model->weights.blocks[i].cross.q_norm;
+		for (uint32_t d = 0; d < head_dim; d++)
+			query = fmaxf(query, fabsf(q_norm[d]));
+	}
+	/* Both as vectors are sqrt(head_dim) times longer; a score divides by that once. */
+	double score = sqrt(head_dim) * query * largest_key;
+	return largest_key <= limit && largest_value <= limit && score <= LARGEST_SCORE;
 }

@@ -2,8 +2,8 @@
 #ifndef DVSM_MODEL_RANGE_H
 #define DVSM_MODEL_RANGE_H
 
-#include "dvsm/model.h"
 #include "files/safetensors.h"
+#include "model/model.h"
 
 /**
  * Check that no scene and no picture can bring a model's numbers out of float32's range: a bound on
@@ -14,5 +14,12 @@
  */
 enum dvsm_status dvsm_range_check(const struct dvsm_safetensors *file,
 				  const struct dvsm_model_config *config, struct dvsm_error *error);
+
+/**
+ * Whether a cache with keys and values of up to these magnitudes keeps rendering with `model` in
+ * range; any that the model makes does.
+ */
+bool dvsm_range_holds_cache(const struct dvsm_model *model, double largest_key,
+			    double largest_value);
 
 #endif

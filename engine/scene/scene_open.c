@@ -7,6 +7,7 @@
 #include "files/safetensors.h"
 #include "geometry/rays.h"
 #include "model/config.h"
+#include "model/range.h"
 #include "scene/scene_file.h"
 #include "scene/scene_internal.h"
 
@@ -184,6 +185,18 @@ static enum dvsm_status load_tensors(struct reading *r, struct dvsm_error *error
 	return DVSM_OK;
 }
 
+/* A file may hold any numbers under a sound checksum: none that a picture would overflow with. */
+static enum dvsm_status check_range(const struct reading *r, const struct dvsm_model *model,
+				    struct dvsm_error *error)
+{
+	if (dvsm_range_holds_cache(model, r->keys->largest, r->values->largest))
+		return DVSM_OK;
+	return dvsm_fail(error, DVSM_BAD_FILE,
+			 "%s: tensors keys and values: numbers of up to %.3g and %.3g can leave "
+			 "the range of float32: reconstruct the scene again",
+			 r->name, (double)r->keys->largest, (double)r->values->largest);
+}
+
 /* A whole number of pixels out of a double; 0, which no check lets pass, when it is none. */
 static uint32_t side_of(double number)
 {
@@ -267,6 +280,8 @@ static enum dvsm_status read_scene(struct reading *r, const struct dvsm_model *m
 		status = make_room(r, with_cache, error);
 	if (status == DVSM_OK)
 		status = load_tensors(r, error);
+	if (status == DVSM_OK && model)
+		status = check_range(r, model, error);
 	if (status == DVSM_OK)
 		status = place_cameras(r, error);
 	return status;

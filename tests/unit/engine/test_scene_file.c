@@ -201,6 +201,24 @@ static void a_non_finite_number_is_refused_though_the_checksum_fits(void **state
 	assert_scene_refused(house, "tensor normalisation: number 12 is not finite");
 }
 
+static void numbers_that_would_overflow_a_picture_are_refused_though_the_checksum_fits(void **state)
+{
+	struct house *house = *state;
+	float *numbers[] = {house->scene->keys, house->scene->values};
+	for (size_t i = 0; i < 2; i++) {
+		float before = numbers[i][5];
+		struct dvsm_scene *scene = NULL;
+		struct dvsm_error error = {""};
+		numbers[i][5] = -1e30f;
+		assert_saved(house);
+		assert_int_equal(dvsm_scene_open(house->path, house->model, &scene, &error),
+				 DVSM_BAD_FILE);
+		assert_null(scene);
+		assert_text_has(&error, "range of float32");
+		numbers[i][5] = before;
+	}
+}
+
 static void cameras_out_of_range_are_refused_though_the_checksum_fits(void **state)
 {
 	struct house *house = *state;
@@ -337,6 +355,9 @@ int main(void)
 		cmocka_unit_test_setup_teardown(any_flipped_bit_is_noticed, set_up, tear_down),
 		cmocka_unit_test_setup_teardown(
 			a_non_finite_number_is_refused_though_the_checksum_fits, set_up, tear_down),
+		cmocka_unit_test_setup_teardown(
+			numbers_that_would_overflow_a_picture_are_refused_though_the_checksum_fits,
+			set_up, tear_down),
 		cmocka_unit_test_setup_teardown(
 			cameras_out_of_range_are_refused_though_the_checksum_fits, set_up,
 			tear_down),
