@@ -1,0 +1,448 @@
+/* The fixed-point kernels for AVX-512 F, BW, DQ, VL beside the products: norms and packing. */
+#include "kernels/fixed_avx512.h"
+#include "kernels/fixed_tiers.h"
+#include "kernels/tier.h"
+
+/* R(a, s) in every lane, s 0..62; |a| is at most 2^30. */
+static inline __m512i round_lanes(__m512i a, int s)
+{
+	const __m512i one = _mm512_set1_epi32(1);
+
+	if (s == 0)
+		return a;
+	/* floor((a 2^-(s - 1) + 1) / 2) is floor(a 2^-s + 1/2); a shift beyond 31 leaves the sign.
+	 */
+	a = _mm512_sra_epi32(a, _mm_cvtsi32_si128(s - 1));
+	return _mm512_srai_epi32(_mm512_add_epi32(a, one), 1);
+}
+
+/* sum + a^2 of 32-bit lanes, in 64-bit ones. */
+static inline __m512i add_squares(__m512i sum, __m512i a)
+{
+	__m512i odd = odd_lanes(a);
+
+	sum = _mm512_add_epi64(sum, _mm512_mul_epi32(a, a));
+	return _mm512_add_epi64(sum, _mm512_mul_epi32(odd, odd));
+}
+
+/* dvsm_fixed_narrow_shift() */
+static inline __m512i narrow_lanes(__m512i y, int shift)
+{
+	return shift >= 0 ? round_lanes(y, shift) : _mm512_sll_epi32(y, _mm_cvtsi32_si128(-shift));
+}
+
+static inline __m512i load_s16(const int16_t *p, __mmask16 lanes)
+{
+	return _mm512_cvtepi16_epi32(_mm256_maskz_loadu_epi16(lanes, p));
+}
+
+/* ---- LayerNorm ---- */
+
+struct row_norm {
+	int first, second;
+	int32_t mean;
+	uint32_t largest;
+	uint64_t squares;
+};
+
+static uint32_t largest_s32(const int32_t *x, size_t dim)
+{
+	__m512i largest = _mm512_setzero_si512();
+
+	for (size_t d = 0; d < dim; d += 16) {
+		__m512i a = _mm512_maskz_loadu_epi32(first_lanes(dim - d), x + d);
+
+		largest = _mm512_max_epu32(largest, _mm512_abs_epi32(a));
+	}
+	return _mm512_reduce_max_epu32(largest);
+}
+
+/* x' of each number is below 2^30 / dim: their sum fits a lane. */
+static int32_t mean_of(const int32_t *x, size_t dim, int shift)
+{
+	const int64_t count = (int64_t)dim;
+	__m512i sum = _mm512_setzero_si512();
+	int64_t twice, mean;
+
+	for (size_t d = 0; d < dim; d += 16) {
+		__m512i a = _mm512_maskz_loadu_epi32(first_lanes(dim - d), x + d);
+
+		sum = _mm512_add_epi32(sum, round_lanes(a, shift));
+	}
+	twice = 2 * (int64_t)_mm512_reduce_add_epi32(sum) + count;
+	mean = twice / (2 * count);
+	return (int32_t)(twice < 0 && mean * 2 * count != twice ? mean - 1 : mean);
+}
+
+/* x' without its mean; 0 in lanes that are not there. */
+static inline __m512i centred(const struct row_norm *row, const int32_t *x, __mmask16 lanes)
+{
+	__m512i a = round_lanes(_mm512_maskz_loadu_epi32(lanes, x), row->first);
+
+	return _mm512_maskz_sub_epi32(lanes, a, _mm512_set1_epi32(row->mean));
+}
+
+static struct row_norm measure_row(const int32_t *x, size_t dim,
+				   const struct dvsm_fixed_gain *weights)
+{
+	struct row_norm row = {0};
+	__m512i largest = _mm512_setzero_si512(), squares = largest;
+	int excess = dvsm_fixed_bits(largest_s32(x, dim)) - (30 - dvsm_fixed_log2_up(dim));
+
+	row.first = excess > 0 ? excess : 0;
+	row.mean = mean_of(x, dim, row.first);
+	for (size_t d = 0; d < dim; d += 16) {
+		__m512i c = centred(&row, x + d, first_lanes(dim - d));
+
+		largest = _mm512_max_epu32(largest, _mm512_abs_epi32(c));
+	}
+	excess = dvsm_fixed_bits(_mm512_reduce_max_epu32(largest)) - 14;
+	row.second = excess > 0 ? excess : 0;
+
+	largest = _mm512_setzero_si512();
+	for (size_t d = 0; d < dim; d += 16) {
+		__mmask16 lanes = first_lanes(dim - d);
+		__m512i c = round_lanes(centred(&row, x + d, lanes), row.second);
+		__m512i y = _mm512_mullo_epi32(c, load_s16(weights->gain + d, lanes));
+
+		squares = add_squares(squares, c);
+		largest = _mm512_max_epu32(largest, _mm512_abs_epi32(y));
+	}
+	row.largest = _mm512_reduce_max_epu32(largest);
+	row.squares =
+		(uint64_t)dvsm_fixed_round(weights->epsilon,
+					   dvsm_fixed_clamp(2 * (row.first + row.second), 0, 62)) +
+		(uint64_t)_mm512_reduce_add_epi64(squares);
+	return row;
+}
+
+static void norm_row(const struct dvsm_fixed_norm *job, const int32_t *x, int8_t *high, int8_t *low,
+		     struct dvsm_fixed_scale *scale)
+{
+	struct row_norm row = measure_row(x, job->dim, &job->gain);
+	struct dvsm_fixed_narrow narrow =
+		dvsm_fixed_narrow_make(row.largest, job->fine, row.squares, job->gain.scale);
+	const __m512i inverse = _mm512_set1_epi32(narrow.inverse);
+
+	for (size_t d = 0; d < job->dim; d += 16) {
+		__mmask16 lanes = first_lanes(job->dim - d);
+		__m512i c = round_lanes(centred(&row, x + d, lanes), row.second);
+		__m512i y = _mm512_mullo_epi32(c, load_s16(job->gain.gain + d, lanes));
+
+		y = narrow_lanes(y, narrow.shift);
+		if (low) {
+			__m512i upper =
+				_mm512_srai_epi32(_mm512_add_epi32(y, _mm512_set1_epi32(128)), 8);
+
+			/* The lower plane is what is left of the lowest byte, signed. */
+			_mm512_mask_cvtepi32_storeu_epi8(high + d, lanes, upper);
+			_mm512_mask_cvtepi32_storeu_epi8(low + d, lanes, y);
+		} else {
+			y = round_lanes(_mm512_mullo_epi32(y, inverse), 15);
+			_mm512_mask_cvtepi32_storeu_epi8(high + d, lanes, y);
+		}
+	}
+	*scale = narrow.scale;
+}
+
+static void norm(const struct dvsm_fixed_norm *job)
+{
+	const size_t rest = job->out_stride - job->dim;
+
+	for (size_t i = 0; i < job->rows; i++) {
+		int8_t *high = job->high + i * job->out_stride;
+		int8_t *low = job->fine ? job->low + i * job->out_stride : NULL;
+
+		norm_row(job, job->x + i * job->dim, high, low, &job->a_scale[i]);
+		memset(high + job->dim, 0, rest);
+		if (low)
+			memset(low + job->dim, 0, rest);
+	}
+}
+
+/* ---- int16 to int8 ---- */
+
+static inline __mmask32 first_words(size_t n)
+{
+	return n >= 32 ? 0xffffffffu : (1u << n) - 1;
+}
+
+static uint32_t largest_s16(const int16_t *x, size_t dim)
+{
+	__m512i largest = _mm512_setzero_si512();
+	uint32_t most;
+
+	for (size_t d = 0; d < dim; d += 32) {
+		__m512i a = _mm512_maskz_loadu_epi16(first_words(dim - d), x + d);
+
+		largest = _mm512_max_epu16(largest, _mm512_abs_epi16(a));
+	}
+	largest = _mm512_max_epu32(_mm512_srli_epi32(largest, 16),
+				   _mm512_and_si512(largest, _mm512_set1_epi32(0xffff)));
+	most = _mm512_reduce_max_epu32(largest);
+	return most > INT16_MAX ? INT16_MAX : most;
+}
+
+static void quantise(const struct dvsm_fixed_quantise *job)
+{
+	for (size_t i = 0; i < job->rows; i++) {
+		const int16_t *x = job->x + i * job->x_stride;
+		int8_t *a = job->a + i * job->a_stride;
+		struct dvsm_fixed_fit fit = dvsm_fixed_fit_make(largest_s16(x, job->dim));
+		const __m512i inverse = _mm512_set1_epi16(fit.inverse);
+		const __m128i shift = _mm_cvtsi32_si128(fit.shift);
+
+		for (size_t d = 0; d < job->dim; d += 32) {
+			__mmask32 lanes = first_words(job->dim - d);
+			__m512i b = _mm512_sll_epi16(_mm512_maskz_loadu_epi16(lanes, x + d), shift);
+
+			_mm512_mask_cvtepi16_storeu_epi8(a + d, lanes,
+							 _mm512_mulhrs_epi16(b, inverse));
+		}
+		memset(a + job->dim, 0, job->a_stride - job->dim);
+		job->a_scale[i] = dvsm_fixed_shift(fit.scale, -job->fraction);
+	}
+}
+
+/* ---- QK-norm ---- */
+
+static uint64_t sum_squares(const int16_t *u, size_t dim)
+{
+	__m512i squares = _mm512_setzero_si512();
+
+	for (size_t d = 0; d < dim; d += 16)
+		squares = add_squares(squares, load_s16(u + d, first_lanes(dim - d)));
+	return (uint64_t)_mm512_reduce_add_epi64(squares);
+}
+
+static void query(const int16_t *u, size_t dim, const struct dvsm_fixed_gain *weights, int8_t *q,
+		  struct dvsm_fixed_scale *scale)
+{
+	__m512i largest = _mm512_setzero_si512(), inverse;
+
+	for (size_t d = 0; d < dim; d += 16) {
+		__mmask16 lanes = first_lanes(dim - d);
+		__m512i y = _mm512_mullo_epi32(load_s16(u + d, lanes),
+					       load_s16(weights->gain + d, lanes));
+
+		largest = _mm512_max_epu32(largest, _mm512_abs_epi32(y));
+	}
+
+	struct dvsm_fixed_narrow narrow = dvsm_fixed_narrow_make(
+		_mm512_reduce_max_epu32(largest), false,
+		sum_squares(u, dim) + (uint64_t)weights->epsilon, weights->scale);
+
+	inverse = _mm512_set1_epi32(narrow.inverse);
+	for (size_t d = 0; d < dim; d += 16) {
+		__mmask16 lanes = first_lanes(dim - d);
+		__m512i y = _mm512_mullo_epi32(load_s16(u + d, lanes),
+					       load_s16(weights->gain + d, lanes));
+
+		y = _mm512_mullo_epi32(narrow_lanes(y, narrow.shift), inverse);
+		_mm512_mask_cvtepi32_storeu_epi8(q + d, lanes, round_lanes(y, 15));
+	}
+	*scale = narrow.scale;
+}
+
+static void queries(const struct dvsm_fixed_queries *job)
+{
+	for (size_t i = 0; i < job->rows; i++) {
+		for (size_t h = 0; h < job->heads; h++) {
+			size_t at = i * job->heads + h;
+			int8_t *q = job->q + at * job->head_width;
+
+			query(job->u + i * job->u_stride + h * job->dim, job->dim, &job->gains[h],
+			      q, &job->q_scale[at]);
+			memset(q + job->dim, 0, job->head_width - job->dim);
+		}
+	}
+}
+
+static void keys(const struct dvsm_fixed_keys *job)
+{
+	for (size_t i = 0; i < job->rows; i++) {
+		const int16_t *u = job->u + i * job->u_stride;
+		int16_t *n = job->n + i * job->n_stride;
+		struct dvsm_fixed_scale factor =
+			dvsm_fixed_multiply(job->root, dvsm_fixed_rsqrt(sum_squares(u, job->dim) +
+									(uint64_t)job->epsilon));
+		int shift = dvsm_fixed_clamp(-(factor.exponent + job->fraction), 0, 62);
+		const __m512i mantissa = _mm512_set1_epi32(factor.mantissa);
+
+		for (size_t d = 0; d < job->dim; d += 16) {
+			__mmask16 lanes = first_lanes(job->dim - d);
+			__m512i y = _mm512_mullo_epi32(load_s16(u + d, lanes), mantissa);
+
+			_mm512_mask_cvtsepi32_storeu_epi16(n + d, lanes, round_lanes(y, shift));
+		}
+	}
+}
+
+/* ---- keys and values ---- */
+
+/* Rows whose sum fits 32 bits. */
+#define RANGE_ROWS 32768u
+
+/* Up to 32 channels of up to RANGE_ROWS rows. */
+static void range_block(const int16_t *x, size_t x_stride, size_t rows, size_t channels,
+			struct dvsm_fixed_range *ranges)
+{
+	const __mmask32 lanes = first_words(channels);
+	__m512i low = _mm512_set1_epi16(INT16_MAX), high = _mm512_set1_epi16(INT16_MIN);
+	__m512i sums[2] = {_mm512_setzero_si512(), _mm512_setzero_si512()};
+	int16_t lows[32], highs[32];
+	int32_t totals[32];
+
+	for (size_t i = 0; i < rows; i++) {
+		__m512i a = _mm512_maskz_loadu_epi16(lanes, x + i * x_stride);
+
+		low = _mm512_min_epi16(low, a);
+		high = _mm512_max_epi16(high, a);
+		sums[0] =
+			_mm512_add_epi32(sums[0], _mm512_cvtepi16_epi32(_mm512_castsi512_si256(a)));
+		sums[1] = _mm512_add_epi32(sums[1],
+					   _mm512_cvtepi16_epi32(_mm512_extracti64x4_epi64(a, 1)));
+	}
+	_mm512_storeu_si512(lows, low);
+	_mm512_storeu_si512(highs, high);
+	_mm512_storeu_si512(totals, sums[0]);
+	_mm512_storeu_si512(totals + 16, sums[1]);
+	for (size_t d = 0; d < channels; d++) {
+		ranges[d].sum += totals[d];
+		ranges[d].low = lows[d] < ranges[d].low ? lows[d] : ranges[d].low;
+		ranges[d].high = highs[d] > ranges[d].high ? highs[d] : ranges[d].high;
+	}
+}
+
+static void range(const int16_t *x, size_t x_stride, size_t rows, size_t channels,
+		  struct dvsm_fixed_range *ranges)
+{
+	while (rows > 0) {
+		size_t count = rows < RANGE_ROWS ? rows : RANGE_ROWS;
+
+		for (size_t d = 0; d < channels; d += 32)
+			range_block(x + d, x_stride, count, channels - d < 32 ? channels - d : 32,
+				    ranges + d);
+		x += count * x_stride;
+		rows -= count;
+	}
+}
+
+/* Sixteen channels, laid out for their lanes. */
+struct channel_lanes {
+	__m256i mean, inverse;
+	__m512i shift;
+	__mmask16 lanes;
+};
+
+static struct channel_lanes load_channels(const struct dvsm_fixed_channel *channels, size_t count)
+{
+	int16_t means[16] = {0}, inverses[16] = {0};
+	int32_t shifts[16] = {0};
+
+	for (size_t d = 0; d < count && d < 16; d++) {
+		means[d] = channels[d].mean;
+		inverses[d] = channels[d].inverse;
+		shifts[d] = channels[d].shift;
+	}
+	return (struct channel_lanes){
+		.mean = _mm256_loadu_si256((const __m256i *)means),
+		.inverse = _mm256_loadu_si256((const __m256i *)inverses),
+		.shift = _mm512_loadu_si512(shifts),
+		.lanes = first_lanes(count),
+	};
+}
+
+/* Sixteen numbers of one key. */
+static inline __m128i pack_lanes(const struct channel_lanes *channels, const int16_t *x)
+{
+	__m256i a = _mm256_maskz_loadu_epi16(channels->lanes, x);
+	__m512i c = _mm512_cvtepi16_epi32(_mm256_subs_epi16(a, channels->mean));
+
+	a = _mm512_cvtsepi32_epi16(_mm512_sllv_epi32(c, channels->shift));
+	return _mm256_cvtepi16_epi8(_mm256_mulhrs_epi16(a, channels->inverse));
+}
+
+/* The first `count` channels' bytes of one key, `step` bytes from group to group of `group`. */
+static void store_bytes(__m128i numbers, size_t count, int8_t *to, size_t group, size_t step)
+{
+	int8_t bytes[16];
+
+	_mm_storeu_si128((__m128i *)bytes, numbers);
+	for (size_t d = 0; d < count; d++)
+		to[d / group * step + d % group] = bytes[d];
+}
+
+static void pack_keys(const struct dvsm_fixed_pack *job)
+{
+	for (size_t d = 0; d < job->dim; d += 16) {
+		const struct channel_lanes channels =
+			load_channels(job->channels + d, job->dim - d);
+		const size_t count = job->dim - d < 16 ? job->dim - d : 16;
+
+		for (size_t i = 0; i < job->rows; i++) {
+			size_t key = job->first + i;
+			int8_t *to = job->packed +
+				     key / DVSM_FIXED_PANEL * DVSM_FIXED_PANEL * job->head_width +
+				     key % DVSM_FIXED_PANEL * 4 + d * DVSM_FIXED_PANEL;
+			__m128i numbers = pack_lanes(&channels, job->x + i * job->x_stride + d);
+
+			if (count == 16) {
+				_mm_storeu_si32(to, numbers);
+				_mm_storeu_si32(to + 64, _mm_srli_si128(numbers, 4));
+				_mm_storeu_si32(to + 128, _mm_srli_si128(numbers, 8));
+				_mm_storeu_si32(to + 192, _mm_srli_si128(numbers, 12));
+			} else {
+				store_bytes(numbers, count, to, 4, 64);
+			}
+		}
+	}
+}
+
+/* Sixteen channels of four keys side by side. */
+static void pack_four(const struct channel_lanes *channels, const int16_t *x, size_t x_stride,
+		      int8_t *to)
+{
+	__m128i a = pack_lanes(channels, x), b = pack_lanes(channels, x + x_stride);
+	__m128i c = pack_lanes(channels, x + 2 * x_stride);
+	__m128i e = pack_lanes(channels, x + 3 * x_stride);
+	__m256i ab = _mm256_set_m128i(_mm_unpackhi_epi8(a, b), _mm_unpacklo_epi8(a, b));
+	__m256i ce = _mm256_set_m128i(_mm_unpackhi_epi8(c, e), _mm_unpacklo_epi8(c, e));
+	__m512i low = _mm512_cvtepu16_epi32(ab), high = _mm512_cvtepu16_epi32(ce);
+
+	_mm512_mask_storeu_epi32(to, channels->lanes,
+				 _mm512_or_si512(low, _mm512_slli_epi32(high, 16)));
+}
+
+static void pack_values(const struct dvsm_fixed_pack *job)
+{
+	for (size_t d = 0; d < job->dim; d += 16) {
+		const struct channel_lanes channels =
+			load_channels(job->channels + d, job->dim - d);
+		const size_t count = job->dim - d < 16 ? job->dim - d : 16;
+
+		for (size_t i = 0, step; i < job->rows; i += step) {
+			size_t key = job->first + i;
+			const int16_t *x = job->x + i * job->x_stride + d;
+			int8_t *to = job->packed + key / 4 * 4 * job->head_width + 4 * d;
+
+			step = key % 4 == 0 && job->rows - i >= 4 ? 4 : 1;
+			if (step == 4)
+				pack_four(&channels, x, job->x_stride, to);
+			else
+				store_bytes(pack_lanes(&channels, x), count, to + key % 4, 1, 4);
+		}
+	}
+}
+
+const struct dvsm_fixed_kernels dvsm_fixed_kernels_avx512 = {
+	.cpu = DVSM_CPU_AVX512,
+	.name = "avx512",
+	.norm = norm,
+	.quantise = quantise,
+	.queries = queries,
+	.keys = keys,
+	.range = range,
+	.pack_keys = pack_keys,
+	.pack_values = pack_values,
+};
