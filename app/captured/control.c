@@ -11,10 +11,14 @@
 #include "core/log.h"
 
 #define ACTION    "org.diorama.capture.control"
-#define RETRY_NS  2000000000ull
-#define TEXT_SIZE 512
+#define NS_PER_MS 1000000ull
+/* Pauses between tries to get onto the bus: short at first, since the bus may still hold the name
+ * for a daemon that was killed just now. */
+#define RETRY_MIN_NS (100 * NS_PER_MS)
+#define RETRY_MAX_NS (2000 * NS_PER_MS)
+#define TEXT_SIZE    512
 
-/* The properties' values, as they were last told. Texts are zero to their end. */
+/* The properties' values. Texts are zero to their end. */
 struct shown {
 	char state[TEXT_SIZE], state_text[TEXT_SIZE], camera[TEXT_SIZE], format[TEXT_SIZE];
 	char hold[TEXT_SIZE], held[TEXT_SIZE], offered[TEXT_SIZE];
@@ -28,9 +32,9 @@ struct shown {
 struct dio_control {
 	char address[256];
 	struct dio_control_parts parts;
-	struct dio_bus *bus; /* NULL: away */
-	uint64_t retry_ns;
-	struct shown shown;
+	struct dio_bus *bus;         /* NULL: away */
+	uint64_t retry_ns, pause_ns; /* the next try, and the pause after it */
+	struct shown now, told;      /* as they are, and as they were last signalled */
 };
 
 /* Name, signature, field, and whether it runs all the time and is told once a second only. */
@@ -199,7 +203,7 @@ static const sd_bus_vtable VTABLE[] = {
 	SD_BUS_METHOD_WITH_NAMES("ListReaders", "", , "a(sut)", SD_BUS_PARAM(readers),
 				 on_list_readers, SD_BUS_VTABLE_UNPRIVILEGED),
 #define ENTRY(name, signature, field, runs)                                                        \
-	SD_BUS_PROPERTY(name, signature, get_property, offsetof(struct dio_control, shown.field),  \
+	SD_BUS_PROPERTY(name, signature, get_property, offsetof(struct dio_control, now.field),    \
 			SD_BUS_VTABLE_PROPERTY_EMITS_CHANGE),
 	PROPERTIES(ENTRY)
 #undef ENTRY
@@ -280,16 +284,14 @@ static void show(const struct dio_control *control, struct shown *shown)
 
 void dio_control_update(struct dio_control *control, bool counters)
 {
-	struct shown now;
-
-	show(control, &now);
+	show(control, &control->now);
 	for (size_t i = 0; i < sizeof(CHANGES) / sizeof(CHANGES[0]); i++) {
-		char *told = (char *)&control->shown + CHANGES[i].offset;
-		const char *value = (const char *)&now + CHANGES[i].offset;
+		char *told = (char *)&control->told + CHANGES[i].offset;
+		const char *now = (const char *)&control->now + CHANGES[i].offset;
 
-		if ((CHANGES[i].runs && !counters) || memcmp(told, value, CHANGES[i].size) == 0)
+		if ((CHANGES[i].runs && !counters) || memcmp(told, now, CHANGES[i].size) == 0)
 			continue;
-		memcpy(told, value, CHANGES[i].size);
+		memcpy(told, now, CHANGES[i].size);
 		if (control->bus)
 			dio_bus_mark_changed(control->bus, CHANGES[i].name);
 	}
@@ -305,6 +307,15 @@ static uint64_t now_ns(void)
 	return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
 }
 
+static void lose_bus(struct dio_control *control)
+{
+	dio_bus_close(control->bus);
+	control->bus = NULL;
+	control->retry_ns = now_ns() + control->pause_ns;
+	control->pause_ns =
+		control->pause_ns * 2 < RETRY_MAX_NS ? control->pause_ns * 2 : RETRY_MAX_NS;
+}
+
 static enum dio_status find_bus(struct dio_control *control, struct dio_error *error)
 {
 	const char *address = control->address[0] ? control->address : NULL;
@@ -313,10 +324,9 @@ static enum dio_status find_bus(struct dio_control *control, struct dio_error *e
 	if (status == DIO_OK)
 		status = dio_bus_publish(control->bus, &DIO_BUS_CAPTURE, VTABLE, control, error);
 	if (status == DIO_OK)
-		return DIO_OK;
-	dio_bus_close(control->bus);
-	control->bus = NULL;
-	control->retry_ns = now_ns() + RETRY_NS;
+		control->pause_ns = RETRY_MIN_NS;
+	else
+		lose_bus(control);
 	return status;
 }
 
@@ -329,22 +339,13 @@ enum dio_status dio_control_create(const char *address, const struct dio_control
 				   struct dio_control **control, struct dio_error *error)
 {
 	struct dio_control *made = calloc(1, sizeof(*made));
-	enum dio_status status;
 
 	if (!made)
 		return dio_fail(error, DIO_NO_MEM, "no memory for the bus");
 	snprintf(made->address, sizeof(made->address), "%s", address);
 	made->parts = *parts;
-	if (is_off(made)) {
-		*control = made;
-		return DIO_OK;
-	}
-	status = find_bus(made, error);
-	if (status == DIO_BUSY || status == DIO_REFUSED) {
-		free(made);
-		return status;
-	}
-	if (status != DIO_OK)
+	made->pause_ns = RETRY_MIN_NS;
+	if (!is_off(made) && find_bus(made, error) != DIO_OK)
 		dio_log_warn("%s; going on without it for now", error->text);
 	*control = made;
 	return DIO_OK;
@@ -360,23 +361,30 @@ void dio_control_destroy(struct dio_control *control)
 
 void dio_control_prepare(const struct dio_control *control, struct pollfd *fd, int *timeout_ms)
 {
+	const uint64_t now = now_ns();
+
 	*fd = (struct pollfd){.fd = -1};
 	*timeout_ms = -1;
 	if (control->bus)
 		dio_bus_prepare(control->bus, fd, timeout_ms);
+	else if (!is_off(control))
+		*timeout_ms = control->retry_ns > now
+				      ? (int)((control->retry_ns - now) / NS_PER_MS + 1)
+				      : 0;
 }
 
 void dio_control_process(struct dio_control *control)
 {
 	struct dio_error error;
 
-	if (control->bus && dio_bus_process(control->bus, &error) == DIO_GONE) {
-		dio_log_warn("%s; looking for it again", error.text);
-		dio_bus_close(control->bus);
-		control->bus = NULL;
-		control->retry_ns = now_ns() + RETRY_NS;
+	if (control->bus) {
+		show(control, &control->now);
+		if (dio_bus_process(control->bus, &error) == DIO_GONE) {
+			dio_log_warn("%s; looking for it again", error.text);
+			lose_bus(control);
+		}
+	} else if (!is_off(control) && now_ns() >= control->retry_ns &&
+		   find_bus(control, &error) == DIO_OK) {
+		dio_log_note("on the bus");
 	}
-	if (!control->bus && !is_off(control) && now_ns() >= control->retry_ns &&
-	    find_bus(control, &error) == DIO_OK)
-		dio_log_note("the bus is there again");
 }

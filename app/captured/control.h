@@ -19,12 +19,10 @@ struct dio_control_parts {
 };
 
 /**
- * Connect, and publish the object. A bus that is not there is tried again every two seconds: the
- * frames flow without it.
+ * Connect, and publish the object. A bus that is not there, or does not give the name, is tried
+ * again until it does: the frames flow without it.
  *
  * address  as dio_bus_open() takes it; "": its default; "none": no bus at all
- *
- * DIO_NO_MEM; DIO_BUSY, DIO_REFUSED  the name is taken, or not allowed: no use in going on
  */
 enum dio_status dio_control_create(const char *address, const struct dio_control_parts *parts,
 				   struct dio_control **control, struct dio_error *error);

@@ -20,8 +20,6 @@
 
 #define NS_PER_S 1000000000ull
 #define TICK_NS  NS_PER_S
-/* A camera's thread that has not come round for so long hangs in its driver. */
-#define HEARTBEAT_MAX_NS (10 * NS_PER_S)
 
 struct daemon {
 	const struct dio_captured_settings *settings;
@@ -160,14 +158,19 @@ static void tell_systemd(struct daemon *daemon, const struct dio_capture_status 
 	sd_notifyf(0, "STATUS=%s", line);
 }
 
+static uint64_t feed_period(const struct daemon *daemon)
+{
+	return daemon->watchdog_ns / 4;
+}
+
 /* The watchdog is fed from the loop that serves the readers, and only while the camera's thread
- * comes round too. */
+ * comes round too: one that has not for half the time hangs in its driver. */
 static void feed_watchdog(struct daemon *daemon, const struct dio_capture_status *status)
 {
 	const uint64_t now = now_ns();
 
-	if (daemon->watchdog_ns == 0 || now < daemon->fed_ns + daemon->watchdog_ns ||
-	    now > status->heartbeat_ns + HEARTBEAT_MAX_NS)
+	if (daemon->watchdog_ns == 0 || now < daemon->fed_ns + feed_period(daemon) ||
+	    now > status->heartbeat_ns + daemon->watchdog_ns / 2)
 		return;
 	daemon->fed_ns = now;
 	sd_notify(0, "WATCHDOG=1");
@@ -201,10 +204,10 @@ static int timeout_of(const struct daemon *daemon, int bus_ms)
 	uint64_t until = daemon->tick_ns, now = now_ns();
 	int ms;
 
-	if (daemon->watchdog_ns && daemon->fed_ns + daemon->watchdog_ns < until)
-		until = daemon->fed_ns + daemon->watchdog_ns;
-	/* At least a millisecond: a watchdog that may not be fed must not make us spin. */
-	ms = until > now ? (int)((until - now + 999999) / 1000000) : 1;
+	if (daemon->watchdog_ns && daemon->fed_ns + feed_period(daemon) < until)
+		until = daemon->fed_ns + feed_period(daemon);
+	/* At least some milliseconds: a watchdog that may not be fed must not make us spin. */
+	ms = until > now ? (int)((until - now + 999999) / 1000000) : 20;
 	return bus_ms >= 0 && bus_ms < ms ? bus_ms : ms;
 }
 
@@ -245,7 +248,7 @@ enum dio_status dio_captured_run(const struct dio_captured_settings *settings,
 		dio_recording_get_interrupted(daemon.recording, daemon.interrupted,
 					      sizeof(daemon.interrupted));
 		if (sd_watchdog_enabled(0, &watchdog_us) > 0)
-			daemon.watchdog_ns = watchdog_us * 1000 / 3;
+			daemon.watchdog_ns = watchdog_us * 1000;
 		sd_notify(0, "READY=1");
 		loop(&daemon);
 		sd_notify(0, "STOPPING=1");

@@ -6,7 +6,7 @@
 
 /**
  * Run until SIGTERM or SIGINT, which the caller has not blocked. A camera that is missing or
- * broken is no reason to end; a socket or bus name that another daemon has is.
+ * broken is no reason to end, nor is a missing bus; a socket that another daemon has is.
  *
  * DIO_OK  ended by a signal, everything closed in good order
  */
