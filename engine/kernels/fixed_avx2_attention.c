@@ -1,0 +1,259 @@
+/*
+ * Fixed-point attention for AVX2: four queries pass over the keys together.
+ *
+ * H + R(L, 8) of the two planes is R(256 H + L, 8), and 256 H + L, the sum of p v over a tile of
+ * 256 keys, fits 32 bits. So the weights need no planes; they are kept negative, because 2^15 is no
+ * int16 and -2^15 is.
+ */
+#include "kernels/fixed_avx2.h"
+#include "kernels/fixed_tiers.h"
+
+#define QUERIES DVSM_AVX2_ROWS
+
+/* Up to here the sums of weighted values fit 32 bits, and the sum of weights needs no shift. */
+#define MOST_KEYS 65536u
+
+/* A query on its way; the arrays lie in the scratch. */
+struct query {
+	struct dvsm_fixed_scale scale;
+	struct dvsm_fixed_slope slope;
+	int32_t top;
+	int64_t sum;
+	int16_t *q;       /* [head_width] ordered words */
+	int32_t *scores;  /* [DVSM_FIXED_KEYS] */
+	int16_t *weights; /* [DVSM_FIXED_KEYS] negative, ordered words */
+	int32_t *o;       /* [head_width] */
+};
+
+static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count)
+{
+	const int16_t *const words[QUERIES] = {queries[0].q, queries[1].q, queries[2].q,
+					       queries[3].q};
+
+	for (size_t at = 0; at < count; at += DVSM_FIXED_PANEL) {
+		__m256i sums[QUERIES][2];
+
+		DVSM_UNROLL
+		for (int i = 0; i < QUERIES; i++)
+			sums[i][0] = sums[i][1] = _mm256_setzero_si256();
+		dot_words(QUERIES, words, k + at * head_width, 64, head_width / 4, sums);
+		DVSM_UNROLL
+		for (int i = 0; i < QUERIES; i++) {
+			_mm256_store_si256((__m256i *)(queries[i].scores + at), sums[i][0]);
+			_mm256_store_si256((__m256i *)(queries[i].scores + at + 8), sums[i][1]);
+		}
+	}
+}
+
+static int32_t largest_score(const struct query *query, size_t count)
+{
+	int32_t largest = query->scores[0];
+
+	for (size_t key = 1; key < count; key++)
+		largest = query->scores[key] > largest ? query->scores[key] : largest;
+	return largest;
+}
+
+/* dvsm_fixed_exp2() of sixteen numbers. */
+static inline __m256i exp2_lanes(__m256i x, int up)
+{
+	if (up > 0) {
+		const __m256i limit = _mm256_set1_epi16((int16_t)(65535u >> up));
+		__m256i within = _mm256_cmpeq_epi16(_mm256_min_epu16(x, limit), x);
+
+		x = _mm256_blendv_epi8(_mm256_set1_epi16(-1),
+				       _mm256_sll_epi16(x, _mm_cvtsi32_si128(up)), within);
+	}
+
+	__m256i t = _mm256_slli_epi16(_mm256_and_si256(x, _mm256_set1_epi16(2047)), 4);
+	__m256i r = _mm256_set1_epi16(DVSM_FIXED_EXP2_D);
+
+	r = _mm256_sub_epi16(_mm256_set1_epi16(DVSM_FIXED_EXP2_C), _mm256_mulhrs_epi16(t, r));
+	r = _mm256_sub_epi16(_mm256_set1_epi16(DVSM_FIXED_EXP2_B), _mm256_mulhrs_epi16(t, r));
+	r = _mm256_sub_epi16(_mm256_set1_epi16(DVSM_FIXED_EXP2_A), _mm256_mulhrs_epi16(t, r));
+	r = _mm256_mulhrs_epi16(t, r);
+
+	/* AVX2 has no shift a word: one for the even words, one for the odd. */
+	__m256i power = _mm256_sub_epi16(_mm256_set1_epi16(-1), _mm256_add_epi16(r, r));
+	__m256i down = _mm256_srli_epi16(x, 11), low = _mm256_set1_epi32(0xffff);
+	__m256i even = _mm256_srlv_epi32(_mm256_and_si256(power, low), _mm256_and_si256(down, low));
+	__m256i odd = _mm256_srlv_epi32(power, _mm256_srli_epi32(down, 16));
+
+	power = _mm256_blend_epi16(even, odd, 0xaa);
+	return _mm256_avg_epu16(power, _mm256_setzero_si256());
+}
+
+/* Scores to weights, 16 keys at a time, 0 behind the last up to whole vectors. */
+static void weigh(struct query *query, size_t count)
+{
+	const __m256i top = _mm256_set1_epi32(query->top), zero = _mm256_setzero_si256();
+	const __m256i factor = _mm256_set1_epi16((int16_t)query->slope.factor);
+	const __m256i low = _mm256_set1_epi32(0xffff);
+	const __m128i down = _mm_cvtsi32_si128(query->slope.down);
+	__m256i sums = zero;
+
+	for (size_t key = 0; key < count; key += 16) {
+		const __m256i *scores = (const __m256i *)(query->scores + key);
+		__m256i a = _mm256_sub_epi32(top, _mm256_load_si256(scores));
+		__m256i b = _mm256_sub_epi32(top, _mm256_load_si256(scores + 1));
+		__m256i p =
+			_mm256_packus_epi32(_mm256_sra_epi32(a, down), _mm256_sra_epi32(b, down));
+
+		p = _mm256_mulhi_epu16(_mm256_permute4x64_epi64(p, 0xd8), factor);
+		p = exp2_lanes(p, query->slope.up);
+		if (count - key < 16) {
+			const __m256i lanes = _mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10,
+								11, 12, 13, 14, 15);
+
+			p = _mm256_and_si256(
+				p, _mm256_cmpgt_epi16(_mm256_set1_epi16((int16_t)(count - key)),
+						      lanes));
+		}
+		sums = _mm256_add_epi32(sums, _mm256_and_si256(p, low));
+		sums = _mm256_add_epi32(sums, _mm256_srli_epi32(p, 16));
+		_mm256_store_si256((__m256i *)(query->weights + key),
+				   order_words(_mm256_sub_epi16(zero, p)));
+	}
+
+	int32_t parts[8];
+
+	_mm256_storeu_si256((__m256i *)parts, sums);
+	for (int i = 0; i < 8; i++)
+		query->sum += parts[i];
+}
+
+static void shrink(struct query *query, size_t head_width, int steps)
+{
+	query->sum = dvsm_fixed_round(query->sum, steps);
+	for (size_t d = 0; d < head_width; d++)
+		query->o[d] = (int32_t)dvsm_fixed_round(query->o[d], steps);
+}
+
+/* The running maximum, then the weights of a tile. */
+static void softmax(struct query *query, size_t head_width, bool first, size_t count)
+{
+	int32_t largest = largest_score(query, count);
+
+	if (first)
+		query->top = largest;
+	else if (largest > query->top)
+		shrink(query, head_width, dvsm_fixed_raise(query->scale, largest, &query->top));
+	weigh(query, count);
+}
+
+/* o += R(weights times values, 8) */
+static void mix(const struct query *queries, const int8_t *v, size_t head_width, size_t count)
+{
+	const int16_t *const words[QUERIES] = {queries[0].weights, queries[1].weights,
+					       queries[2].weights, queries[3].weights};
+	const __m256i half = _mm256_set1_epi32(128);
+
+	for (size_t d = 0; d < head_width; d += 16) {
+		__m256i sums[QUERIES][2];
+
+		DVSM_UNROLL
+		for (int i = 0; i < QUERIES; i++)
+			sums[i][0] = sums[i][1] = _mm256_setzero_si256();
+		dot_words(QUERIES, words, v + 4 * d, 4 * head_width, (count + 3) / 4, sums);
+		DVSM_UNROLL
+		for (int i = 0; i < QUERIES; i++) {
+			DVSM_UNROLL
+			for (int j = 0; j < 2; j++) {
+				__m256i *o = (__m256i *)(queries[i].o + d + 8 * (size_t)j);
+				__m256i r =
+					_mm256_srai_epi32(_mm256_sub_epi32(half, sums[i][j]), 8);
+
+				_mm256_store_si256(o, _mm256_add_epi32(_mm256_load_si256(o), r));
+			}
+		}
+	}
+}
+
+/* o / sum, in the output's units. */
+static void write_out(const struct dvsm_fixed_attention *job, const struct query *query,
+		      int16_t *out)
+{
+	const struct dvsm_fixed_quotient quotient = dvsm_fixed_divide((uint64_t)query->sum);
+
+	for (size_t d = 0; d < job->dim; d += 8) {
+		const size_t count = job->dim - d < 8 ? job->dim - d : 8;
+		struct dvsm_fixed_scale scales[8] = {{0}};
+		__m256i scale, shift, r;
+
+		memcpy(scales, job->v_scale + d, count * sizeof(scales[0]));
+		scale = _mm256_loadu_si256((const __m256i *)scales);
+		shift = _mm256_sub_epi32(_mm256_set1_epi32(quotient.behind),
+					 _mm256_srai_epi32(scale, 16));
+		r = round_products(
+			_mm256_load_si256((const __m256i *)(query->o + d)),
+			_mm256_mullo_epi32(_mm256_set1_epi32(quotient.inverse),
+					   _mm256_and_si256(scale, _mm256_set1_epi32(0x7fff))),
+			clamp_lanes(shift, 1, 62), 1 << 30);
+		r = _mm256_add_epi32(r, load_s16(job->v_mean + d, count));
+		store_s16(out + d, clamp_lanes(r, INT16_MIN, INT16_MAX), count);
+	}
+}
+
+/* Places for the queries of a group in the caller's scratch. */
+static void place(const struct dvsm_fixed_attention *job, struct query queries[QUERIES])
+{
+	unsigned char *at = job->scratch;
+
+	for (int i = 0; i < QUERIES; i++) {
+		queries[i].scores = (int32_t *)at;
+		at += DVSM_FIXED_KEYS * sizeof(int32_t);
+		queries[i].weights = (int16_t *)at;
+		at += DVSM_FIXED_KEYS * sizeof(int16_t);
+		queries[i].o = (int32_t *)at;
+		at += job->head_width * sizeof(int32_t);
+		queries[i].q = (int16_t *)at;
+		at += job->head_width * sizeof(int16_t);
+	}
+}
+
+static void start(const struct dvsm_fixed_attention *job, size_t index, struct query *query)
+{
+	query->scale = job->q_scale[index * job->scale_stride];
+	query->slope = dvsm_fixed_slope_make(query->scale);
+	query->top = 0;
+	query->sum = 0;
+	widen_bytes(job->q + index * job->q_stride, job->head_width, query->q);
+	memset(query->o, 0, job->head_width * sizeof(*query->o));
+}
+
+/* Queries `first` and on; a group that is not full repeats the last one. */
+static void attend(const struct dvsm_fixed_attention *job, struct query queries[QUERIES],
+		   size_t first, size_t count)
+{
+	const size_t width = job->head_width;
+
+	for (size_t i = 0; i < QUERIES; i++)
+		start(job, first + (i < count ? i : count - 1), &queries[i]);
+	for (size_t key = 0; key < job->keys; key += DVSM_FIXED_KEYS) {
+		size_t left = job->keys - key;
+		size_t keys = left < DVSM_FIXED_KEYS ? left : DVSM_FIXED_KEYS;
+
+		score(queries, job->k + key * width, width, keys);
+		for (size_t i = 0; i < QUERIES; i++)
+			softmax(&queries[i], width, key == 0, keys);
+		mix(queries, job->v + key * width, width, keys);
+	}
+	for (size_t i = 0; i < count; i++)
+		write_out(job, &queries[i], job->out + (first + i) * job->out_stride);
+}
+
+void dvsm_fixed_attention_avx2(const struct dvsm_fixed_attention *job)
+{
+	struct query queries[QUERIES];
+
+	if (job->keys > MOST_KEYS) {
+		dvsm_fixed_kernels_scalar.attention(job);
+		return;
+	}
+	place(job, queries);
+	for (size_t first = 0; first < job->queries; first += QUERIES) {
+		size_t left = job->queries - first;
+
+		attend(job, queries, first, left < QUERIES ? left : QUERIES);
+	}
+}

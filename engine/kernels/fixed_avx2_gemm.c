@@ -1,0 +1,105 @@
+/* Fixed-point products for AVX2. */
+#include "kernels/fixed_avx2.h"
+#include "kernels/fixed_tiers.h"
+
+#define ROWS DVSM_AVX2_ROWS
+
+/* Depth whose words are made at a time. */
+#define CHUNK 512u
+
+/* gelu() of eight saturated numbers. */
+static inline __m256i gelu_lanes(__m256i u, int fraction)
+{
+	const __m256i zero = _mm256_setzero_si256();
+	__m256i positive = _mm256_max_epi32(u, zero);
+
+	if (fraction < 2)
+		return positive;
+
+	const __m256i most = _mm256_set1_epi32(16383);
+	const __m256i limit = _mm256_set1_epi32(16383 >> (12 - fraction));
+	__m256i size = _mm256_abs_epi32(u);
+	__m256i at = _mm256_sll_epi32(size, _mm_cvtsi32_si128(12 - fraction));
+
+	at = _mm256_blendv_epi8(at, most, _mm256_cmpgt_epi32(size, limit));
+
+	/* A point of the table and the next one, in the two halves of a lane. */
+	__m256i points = _mm256_i32gather_epi32((const int *)(const void *)dvsm_fixed_gelu_tail,
+						_mm256_srli_epi32(at, 8), 2);
+	__m256i tail = _mm256_and_si256(points, _mm256_set1_epi32(0xffff));
+	__m256i step = _mm256_sub_epi32(_mm256_srli_epi32(points, 16), tail);
+	__m256i share = _mm256_slli_epi32(_mm256_and_si256(at, _mm256_set1_epi32(255)), 7);
+
+	step = _mm256_add_epi32(_mm256_mullo_epi32(step, share), _mm256_set1_epi32(1 << 14));
+	tail = _mm256_add_epi32(tail, _mm256_srai_epi32(step, 15));
+	tail = _mm256_add_epi32(tail, _mm256_set1_epi32(1 << (16 - fraction)));
+	return _mm256_sub_epi32(positive, _mm256_srl_epi32(tail, _mm_cvtsi32_si128(17 - fraction)));
+}
+
+/* Eight sums of a row to their place. */
+static inline void finish(const struct dvsm_fixed_gemm *job, size_t row, size_t col, __m256i sums)
+{
+	const struct dvsm_fixed_scale scale = job->a_scale[row];
+	const size_t left = job->cols - col, at = row * job->c_stride + col;
+	__m256i factor = _mm256_mullo_epi32(load_s16(job->w_mantissa + col, left),
+					    _mm256_set1_epi32(scale.mantissa));
+	__m256i shift = _mm256_sub_epi32(load_s16(job->w_shift + col, left),
+					 _mm256_set1_epi32(scale.exponent));
+
+	shift = clamp_lanes(shift, 1, 62);
+	if (job->epilogue == DVSM_FIXED_ADD) {
+		int32_t *c = (int32_t *)job->c + at;
+		__m256i r = round_products(sums, factor, shift, 0);
+		__m256i mask = _mm256_cmpgt_epi32(_mm256_set1_epi32(left < 8 ? (int)left : 8),
+						  _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+
+		r = _mm256_add_epi32(r, _mm256_maskload_epi32(c, mask));
+		_mm256_maskstore_epi32(c, mask, r);
+		return;
+	}
+
+	__m256i r = round_products(sums, factor, shift, 1 << 15);
+
+	if (job->epilogue == DVSM_FIXED_GELU)
+		r = gelu_lanes(r, job->fraction);
+	store_s16((int16_t *)job->c + at, r, left);
+}
+
+/* `rows` rows (a constant where it is called) with the panel of column `col` on. */
+DVSM_INLINE void tile(const int rows, const struct dvsm_fixed_gemm *job, size_t row, size_t col)
+{
+	int16_t chunk[ROWS][CHUNK];
+	const int16_t *words[ROWS] = {chunk[0], chunk[1], chunk[2], chunk[3]};
+	const int8_t *w = job->panels + col * job->depth;
+	__m256i sums[ROWS][2];
+
+	DVSM_UNROLL
+	for (int i = 0; i < rows; i++)
+		sums[i][0] = sums[i][1] = _mm256_setzero_si256();
+	for (size_t d = 0; d < job->depth; d += CHUNK) {
+		size_t count = job->depth - d < CHUNK ? job->depth - d : CHUNK;
+
+		for (int i = 0; i < rows; i++)
+			widen_bytes(job->a + (row + (size_t)i) * job->a_stride + d, count,
+				    chunk[i]);
+		dot_words(rows, words, w + d * DVSM_FIXED_PANEL, 64, count / 4, sums);
+	}
+	DVSM_UNROLL
+	for (int i = 0; i < rows; i++) {
+		finish(job, row + (size_t)i, col, sums[i][0]);
+		if (col + 8 < job->cols)
+			finish(job, row + (size_t)i, col + 8, sums[i][1]);
+	}
+}
+
+void dvsm_fixed_gemm_avx2(const struct dvsm_fixed_gemm *job)
+{
+	for (size_t col = 0; col < job->cols; col += DVSM_FIXED_PANEL) {
+		size_t row = 0;
+
+		for (; row + ROWS <= job->rows; row += ROWS)
+			tile(ROWS, job, row, col);
+		for (; row < job->rows; row++)
+			tile(1, job, row, col);
+	}
+}
