@@ -46,6 +46,10 @@ static const struct dvsm_fixed_kernels *const tiers[] = {
 	&dvsm_fixed_kernels_avx2,
 	&dvsm_fixed_kernels_avx512,
 	&dvsm_fixed_kernels_vnni,
+#elif defined(__aarch64__)
+	&dvsm_fixed_kernels_neon,
+	&dvsm_fixed_kernels_dotprod,
+	&dvsm_fixed_kernels_i8mm,
 #endif
 };
 

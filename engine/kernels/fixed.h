@@ -286,5 +286,8 @@ struct dvsm_fixed_kernels {
 struct dvsm_fixed_kernels dvsm_fixed_kernels_choose(uint32_t mask);
 
 extern const struct dvsm_fixed_kernels dvsm_fixed_kernels_scalar;
+extern const struct dvsm_fixed_kernels dvsm_fixed_kernels_neon;
+extern const struct dvsm_fixed_kernels dvsm_fixed_kernels_dotprod;
+extern const struct dvsm_fixed_kernels dvsm_fixed_kernels_i8mm;
 
 #endif

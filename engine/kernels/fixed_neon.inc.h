@@ -1,0 +1,372 @@
+/*
+ * Products and attention of the fixed-point path for Advanced SIMD. The including file defines
+ *
+ *   dot_rows            rows that one call of dot_tile() takes at most
+ *   dot_tile(a, a_stride, b, b_step, groups, sums)
+ *                       sums[row][16] = products of dot_rows rows of A with 16 columns of B. A
+ *                       group is four numbers deep: four bytes of a row, and 64 bytes of B, column
+ *                       by column, b_step bytes from one to the next; groups is a multiple of 4.
+ *
+ * All numbers of B are -127..127, those of A -128..127, so that two products fit 16 bits.
+ */
+#include <arm_neon.h>
+#include <string.h>
+
+#include "kernels/fixed_math.h"
+
+#define WIDTH ((size_t)DVSM_FIXED_PANEL)
+
+/** Any number of rows: the last ones are done as if there were more, from rows that are there. */
+static void dot(const int8_t *a, size_t a_stride, size_t rows, const int8_t *b, size_t b_step,
+		size_t groups, int32_t *sums, size_t sums_stride)
+{
+	int32_t tile[dot_rows * WIDTH];
+
+	for (size_t row = 0; row < rows; row += dot_rows) {
+		const size_t left = rows - row < dot_rows ? rows - row : dot_rows;
+		const int8_t *at[dot_rows];
+
+		for (size_t i = 0; i < dot_rows; i++)
+			at[i] = a + (row + (i < left ? i : 0)) * a_stride;
+		dot_tile(at, b, b_step, groups, tile);
+		for (size_t i = 0; i < left; i++)
+			memcpy(sums + (row + i) * sums_stride, tile + i * WIDTH,
+			       WIDTH * sizeof(*sums));
+	}
+}
+
+/* ---- products ---- */
+
+/* R(t a_m w_m, shift) of four columns, as two pairs of 64 bits. */
+static inline void requantise(int32x4_t sums, struct dvsm_fixed_scale scale, int16x4_t mantissa,
+			      int16x4_t shift, int64x2_t *low, int64x2_t *high)
+{
+	const int32x4_t factor = vmull_n_s16(mantissa, scale.mantissa);
+	int32x4_t left = vsubq_s32(vdupq_n_s32(scale.exponent), vmovl_s16(shift));
+
+	left = vmaxq_s32(vminq_s32(left, vdupq_n_s32(-1)), vdupq_n_s32(-62));
+	*low = vrshlq_s64(vmull_s32(vget_low_s32(sums), vget_low_s32(factor)),
+			  vmovl_s32(vget_low_s32(left)));
+	*high = vrshlq_s64(vmull_high_s32(sums, factor), vmovl_high_s32(left));
+}
+
+/* The tail of gelu at 64 points and the differences to the next ones, as bytes for table look-up.
+ */
+struct gelu_table {
+	uint8x16x4_t low, high, next_low, next_high;
+};
+
+static struct gelu_table gelu_table_load(void)
+{
+	struct gelu_table table;
+
+	for (int i = 0; i < 4; i++) {
+		uint8x16x2_t here = vld2q_u8((const uint8_t *)(dvsm_fixed_gelu_tail + 16 * i));
+		uint8x16x2_t next = vld2q_u8((const uint8_t *)(dvsm_fixed_gelu_tail + 16 * i + 1));
+
+		table.low.val[i] = here.val[0];
+		table.high.val[i] = here.val[1];
+		table.next_low.val[i] = next.val[0];
+		table.next_high.val[i] = next.val[1];
+	}
+	return table;
+}
+
+static inline int16x8_t look_up(const uint8x16x4_t *low, const uint8x16x4_t *high, uint8x8_t at)
+{
+	return vreinterpretq_s16_u16(
+		vorrq_u16(vmovl_u8(vqtbl4_u8(*low, at)), vshll_n_u8(vqtbl4_u8(*high, at), 8)));
+}
+
+/* dvsm_fixed_gelu() of eight numbers. */
+static inline int16x8_t gelu(const struct gelu_table *table, int16x8_t u, int fraction)
+{
+	const int16x8_t positive = vmaxq_s16(u, vdupq_n_s16(0));
+	uint16x8_t at;
+	int16x8_t tail, next;
+
+	if (fraction < 2)
+		return positive;
+	at = vqshlq_u16(vreinterpretq_u16_s16(vqabsq_s16(u)),
+			vdupq_n_s16((int16_t)(12 - fraction)));
+	at = vminq_u16(at, vdupq_n_u16(16383));
+
+	const uint8x8_t index = vshrn_n_u16(at, 8);
+	const int16x8_t part =
+		vreinterpretq_s16_u16(vshlq_n_u16(vandq_u16(at, vdupq_n_u16(255)), 7));
+
+	tail = look_up(&table->low, &table->high, index);
+	next = look_up(&table->next_low, &table->next_high, index);
+	tail = vaddq_s16(tail, vqrdmulhq_s16(vsubq_s16(next, tail), part));
+	return vsubq_s16(positive, vrshlq_s16(tail, vdupq_n_s16((int16_t)(fraction - 17))));
+}
+
+static void store_row(const struct dvsm_fixed_gemm *job, const struct gelu_table *table, size_t row,
+		      size_t first, const int32_t *sums)
+{
+	const size_t left = job->cols - first < WIDTH ? job->cols - first : WIDTH;
+	const struct dvsm_fixed_scale scale = job->a_scale[row];
+	const bool adds = job->epilogue == DVSM_FIXED_ADD;
+	int16_t mantissas[WIDTH] = {0}, shifts[WIDTH] = {0}, narrow[WIDTH];
+	const int16_t *mantissa = job->w_mantissa + first, *shift = job->w_shift + first;
+	const size_t at = row * job->c_stride + first;
+	int32_t wide[WIDTH];
+
+	if (left < WIDTH) {
+		mantissa = memcpy(mantissas, mantissa, left * sizeof(*mantissas));
+		shift = memcpy(shifts, shift, left * sizeof(*shifts));
+	}
+	for (size_t j = 0; j < WIDTH; j += 4) {
+		int64x2_t low, high;
+
+		requantise(vld1q_s32(sums + j), scale, vld1_s16(mantissa + j), vld1_s16(shift + j),
+			   &low, &high);
+		if (adds)
+			vst1q_s32(wide + j, vmovn_high_s64(vmovn_s64(low), high));
+		else
+			vst1_s16(narrow + j, vqmovn_s32(vqmovn_high_s64(vqmovn_s64(low), high)));
+	}
+	if (adds) {
+		int32_t *c = (int32_t *)job->c + at;
+
+		for (size_t j = 0; j < left; j++)
+			c[j] = (int32_t)((uint32_t)c[j] + (uint32_t)wide[j]);
+		return;
+	}
+	if (job->epilogue == DVSM_FIXED_GELU)
+		for (size_t j = 0; j < WIDTH; j += 8)
+			vst1q_s16(narrow + j, gelu(table, vld1q_s16(narrow + j), job->fraction));
+	memcpy((int16_t *)job->c + at, narrow, left * sizeof(*narrow));
+}
+
+/* Rows in blocks that stay in the first cache while all panels pass by. */
+#define ROW_BLOCK 32
+
+static void gemm(const struct dvsm_fixed_gemm *job)
+{
+	const struct gelu_table table = gelu_table_load();
+	int32_t sums[ROW_BLOCK * WIDTH];
+
+	for (size_t row = 0; row < job->rows; row += ROW_BLOCK) {
+		const size_t rows = job->rows - row < ROW_BLOCK ? job->rows - row : ROW_BLOCK;
+
+		for (size_t first = 0; first < job->cols; first += WIDTH) {
+			dot(job->a + row * job->a_stride, job->a_stride, rows,
+			    job->panels + first * job->depth, 4 * WIDTH, job->depth / 4, sums,
+			    WIDTH);
+			for (size_t i = 0; i < rows; i++)
+				store_row(job, &table, row + i, first, sums + i * WIDTH);
+		}
+	}
+}
+
+/* ---- attention ---- */
+
+/*
+ * Weights p are 16 bits wide and positive, what multiplies is signed and 8 wide: p >> 8 goes in
+ * without 64 and p & 255 without 128; both times the sum of the values is added again.
+ */
+#define HIGH_OFFSET 64
+#define LOW_OFFSET  128
+
+/* The scratch of one call. */
+struct places {
+	int32_t *scores;    /* [queries][DVSM_FIXED_KEYS] */
+	int8_t *high, *low; /* [queries][DVSM_FIXED_KEYS] */
+	int64_t *o;         /* [queries][head_width] */
+	int32_t *sums;      /* [queries][WIDTH] twice */
+	int64_t *total;     /* [queries] sums of p */
+	int32_t *top;       /* [queries] */
+};
+
+static struct places place(const struct dvsm_fixed_attention *job)
+{
+	const size_t queries = DVSM_FIXED_QUERIES, keys = DVSM_FIXED_KEYS;
+	struct places made;
+
+	made.scores = job->scratch;
+	made.o = (int64_t *)(void *)(made.scores + queries * keys);
+	made.total = made.o + queries * job->head_width;
+	made.sums = (int32_t *)(void *)(made.total + queries);
+	/* head_width is at least WIDTH: sums fit what the other accumulators leave. */
+	made.top = made.sums + queries * WIDTH * 2;
+	made.high = (int8_t *)(made.top + queries);
+	made.low = made.high + queries * keys;
+	return made;
+}
+
+static int32_t largest_of(const int32_t *scores, size_t count)
+{
+	int32x4_t most = vdupq_n_s32(INT32_MIN);
+	size_t key = 0;
+	int32_t largest;
+
+	for (; key + 4 <= count; key += 4)
+		most = vmaxq_s32(most, vld1q_s32(scores + key));
+	largest = vmaxvq_s32(most);
+	for (; key < count; key++)
+		largest = scores[key] > largest ? scores[key] : largest;
+	return largest;
+}
+
+/* dvsm_fixed_exp2() of eight numbers. */
+static inline uint16x8_t exp2_of(uint16x8_t x, int up)
+{
+	const int16x8_t a = vdupq_n_s16(DVSM_FIXED_EXP2_A), b = vdupq_n_s16(DVSM_FIXED_EXP2_B);
+	const int16x8_t c = vdupq_n_s16(DVSM_FIXED_EXP2_C), d = vdupq_n_s16(DVSM_FIXED_EXP2_D);
+	int16x8_t t, r, whole;
+	uint16x8_t power;
+
+	x = vqshlq_u16(x, vdupq_n_s16((int16_t)up));
+	t = vreinterpretq_s16_u16(vshlq_n_u16(vandq_u16(x, vdupq_n_u16(2047)), 4));
+	r = vsubq_s16(c, vqrdmulhq_s16(t, d));
+	r = vsubq_s16(b, vqrdmulhq_s16(t, r));
+	r = vsubq_s16(a, vqrdmulhq_s16(t, r));
+	r = vqrdmulhq_s16(t, r);
+	power = vsubq_u16(vdupq_n_u16(65535), vreinterpretq_u16_s16(vshlq_n_s16(r, 1)));
+	whole = vreinterpretq_s16_u16(vshrq_n_u16(x, 11));
+	return vrshrq_n_u16(vshlq_u16(power, vnegq_s16(whole)), 1);
+}
+
+/* How far four scores are from the top, in units of 2^-11 powers of two before `up`. */
+static inline uint16x4_t distance(int32x4_t scores, int32x4_t top, struct dvsm_fixed_slope slope)
+{
+	uint32x4_t way = vreinterpretq_u32_s32(vmaxq_s32(vsubq_s32(top, scores), vdupq_n_s32(0)));
+
+	way = vshlq_u32(way, vdupq_n_s32(-slope.down));
+	return vshrn_n_u32(vmull_n_u16(vqmovn_u32(way), slope.factor), 16);
+}
+
+/* Both planes of p for `padded` keys, 0 behind `count` of them; the sum of p. */
+static uint32_t weigh(const int32_t *scores, size_t count, size_t padded, int32_t top,
+		      struct dvsm_fixed_slope slope, int8_t *high, int8_t *low)
+{
+	static const uint16_t order[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+	const int32x4_t tops = vdupq_n_s32(top);
+	uint32x4_t sum = vdupq_n_u32(0);
+
+	for (size_t key = 0; key < padded; key += 8) {
+		const size_t left = count > key ? count - key : 0;
+		uint16x8_t p =
+			exp2_of(vcombine_u16(distance(vld1q_s32(scores + key), tops, slope),
+					     distance(vld1q_s32(scores + key + 4), tops, slope)),
+				slope.up);
+
+		if (left < 8)
+			p = vandq_u16(p, vcltq_u16(vld1q_u16(order), vdupq_n_u16((uint16_t)left)));
+		sum = vpadalq_u16(sum, p);
+		vst1_s8(high + key,
+			vsub_s8(vreinterpret_s8_u8(vshrn_n_u16(p, 8)), vdup_n_s8(HIGH_OFFSET)));
+		vst1_s8(low + key, veor_s8(vreinterpret_s8_u8(vmovn_u16(p)), vdup_n_s8(INT8_MIN)));
+	}
+	return vaddvq_u32(sum);
+}
+
+/* O = R(O, steps). */
+static void shrink(int64_t *o, size_t count, int steps)
+{
+	for (size_t d = 0; d < count; d += 2)
+		vst1q_s64(o + d, vrshlq_s64(vld1q_s64(o + d), vdupq_n_s64(-steps)));
+}
+
+/* Sums of each of 16 channels over the tile's values. */
+static void sum_values(const int8_t *v, size_t step, size_t groups, int32_t sums[WIDTH])
+{
+	int32x4_t sum[4] = {vdupq_n_s32(0), vdupq_n_s32(0), vdupq_n_s32(0), vdupq_n_s32(0)};
+
+	for (size_t group = 0; group < groups; group++, v += step)
+		for (int i = 0; i < 4; i++)
+			sum[i] = vpadalq_s16(sum[i], vpaddlq_s8(vld1q_s8(v + 16 * i)));
+	for (int i = 0; i < 4; i++)
+		vst1q_s32(sums + 4 * i, sum[i]);
+}
+
+/* O += the tile's weighted values, 16 channels at a time. */
+static void mix(const struct dvsm_fixed_attention *job, const struct places *at, const int8_t *v,
+		size_t padded)
+{
+	int32_t *high = at->sums, *low = high + DVSM_FIXED_QUERIES * WIDTH;
+	const size_t step = 4 * job->head_width;
+	int32_t values[WIDTH];
+
+	for (size_t first = 0; first < job->head_width; first += WIDTH) {
+		sum_values(v + 4 * first, step, padded / 4, values);
+		dot(at->high, DVSM_FIXED_KEYS, job->queries, v + 4 * first, step, padded / 4, high,
+		    WIDTH);
+		dot(at->low, DVSM_FIXED_KEYS, job->queries, v + 4 * first, step, padded / 4, low,
+		    WIDTH);
+		for (size_t i = 0; i < job->queries; i++) {
+			int64_t *o = at->o + i * job->head_width + first;
+
+			for (size_t j = 0; j < WIDTH; j += 4) {
+				const int32x4_t all = vld1q_s32(values + j);
+				int32x4_t more = vmlaq_n_s32(vld1q_s32(low + i * WIDTH + j), all,
+							     LOW_OFFSET);
+
+				more = vrsraq_n_s32(vld1q_s32(high + i * WIDTH + j), more, 8);
+				more = vmlaq_n_s32(more, all, HIGH_OFFSET);
+				vst1q_s64(o + j, vaddw_s32(vld1q_s64(o + j), vget_low_s32(more)));
+				vst1q_s64(o + j + 2, vaddw_high_s32(vld1q_s64(o + j + 2), more));
+			}
+		}
+	}
+}
+
+/* The tile's scores, then its weights; sums so far shrink where a new maximum asks for it. */
+static void score(const struct dvsm_fixed_attention *job, const struct places *at, size_t first,
+		  size_t count, size_t padded)
+{
+	for (size_t key = 0; key < padded; key += WIDTH)
+		dot(job->q, job->q_stride, job->queries, job->k + (first + key) * job->head_width,
+		    4 * WIDTH, job->head_width / 4, at->scores + key, DVSM_FIXED_KEYS);
+	for (size_t i = 0; i < job->queries; i++) {
+		const struct dvsm_fixed_scale scale = job->q_scale[i * job->scale_stride];
+		const int32_t *scores = at->scores + i * DVSM_FIXED_KEYS;
+		const int32_t largest = largest_of(scores, count);
+
+		if (first == 0) {
+			at->top[i] = largest;
+		} else if (largest > at->top[i]) {
+			const int steps = dvsm_fixed_raise(scale, largest, &at->top[i]);
+
+			at->total[i] = dvsm_fixed_round(at->total[i], steps);
+			shrink(at->o + i * job->head_width, job->head_width, steps);
+		}
+		at->total[i] +=
+			weigh(scores, count, padded, at->top[i], dvsm_fixed_slope_make(scale),
+			      at->high + i * DVSM_FIXED_KEYS, at->low + i * DVSM_FIXED_KEYS);
+	}
+}
+
+static void finish(const struct dvsm_fixed_attention *job, const int64_t *o, int64_t total,
+		   int16_t *out)
+{
+	const struct dvsm_fixed_quotient quotient = dvsm_fixed_divide((uint64_t)total);
+
+	for (size_t d = 0; d < job->dim; d++) {
+		int shift = dvsm_fixed_clamp(quotient.behind - job->v_scale[d].exponent, 1, 62);
+		int64_t product = dvsm_fixed_round(o[d], quotient.before) *
+				  (quotient.inverse * job->v_scale[d].mantissa);
+
+		out[d] = dvsm_fixed_saturate(job->v_mean[d] + dvsm_fixed_round(product, shift));
+	}
+}
+
+static void attention(const struct dvsm_fixed_attention *job)
+{
+	const struct places at = place(job);
+
+	memset(at.o, 0, job->queries * job->head_width * sizeof(*at.o));
+	memset(at.total, 0, job->queries * sizeof(*at.total));
+	for (size_t first = 0; first < job->keys; first += DVSM_FIXED_KEYS) {
+		const size_t left = job->keys - first;
+		const size_t count = left < DVSM_FIXED_KEYS ? left : DVSM_FIXED_KEYS;
+		const size_t padded = dvsm_fixed_pad(count, WIDTH);
+
+		score(job, &at, first, count, padded);
+		mix(job, &at, job->v + first * job->head_width, padded);
+	}
+	for (size_t i = 0; i < job->queries; i++)
+		finish(job, at.o + i * job->head_width, at.total[i],
+		       job->out + i * job->out_stride);
+}
