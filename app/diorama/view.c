@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "commands.h"
+#include "core/eye.h"
 #include "core/log.h"
 #include "core/options.h"
 #include "core/orbit.h"
@@ -16,8 +17,6 @@
 #define PI            3.14159265358979323846
 #define DRAG_TURN_RAD PI        /* a drag across the window turns half round */
 #define KEY_TURN_RAD  (PI / 60) /* per step while an arrow key is down */
-#define ZOOM_NOTCH    0.9
-#define ELEVATION_MAX (0.48 * PI)
 #define POLL_MS       16
 
 struct view_job {
@@ -26,51 +25,21 @@ struct view_job {
 	uint32_t width;
 };
 
-/* Where the eye is: on a sphere round a point. */
-struct eye {
-	double centre[3], azimuth, elevation, distance;
-};
-
-static void eye_reset(const struct dio_orbit *orbit, struct eye *eye)
-{
-	memcpy(eye->centre, orbit->centre, sizeof eye->centre);
-	eye->azimuth = orbit->azimuth_mid;
-	eye->elevation = atan2(orbit->height, orbit->radius);
-	eye->distance = hypot(orbit->height, orbit->radius);
-}
-
 /* True when the eye moved. */
 static bool eye_move(const struct dio_window_input *input, const struct dio_orbit *orbit,
-		     struct eye *eye)
+		     struct dio_eye *eye)
 {
 	double zoom = (double)input->wheel + (double)input->key_zoom;
 
 	if (input->reset)
-		eye_reset(orbit, eye);
-	eye->azimuth -= (double)input->drag_x * DRAG_TURN_RAD - (double)input->key_x * KEY_TURN_RAD;
-	eye->elevation +=
-		(double)input->drag_y * DRAG_TURN_RAD + (double)input->key_y * KEY_TURN_RAD;
-	eye->elevation = fmax(-ELEVATION_MAX, fmin(ELEVATION_MAX, eye->elevation));
-	eye->distance *= pow(ZOOM_NOTCH, zoom);
+		dio_eye_reset(orbit, eye);
+	dio_eye_turn(
+		eye, (double)input->key_x * KEY_TURN_RAD - (double)input->drag_x * DRAG_TURN_RAD,
+		(double)input->key_y * KEY_TURN_RAD + (double)input->drag_y * DRAG_TURN_RAD, zoom);
 	/* Dragging with the right button carries the point looked at along. */
-	for (int i = 0; i < 3; i++) {
-		double right =
-			-sin(eye->azimuth) * orbit->east[i] + cos(eye->azimuth) * orbit->north[i];
-
-		eye->centre[i] += eye->distance * ((double)input->pan_y * orbit->up[i] -
-						   (double)input->pan_x * right);
-	}
+	dio_eye_pan(eye, -(double)input->pan_x, (double)input->pan_y);
 	return input->reset || zoom != 0 || input->drag_x != 0 || input->drag_y != 0 ||
 	       input->pan_x != 0 || input->pan_y != 0 || input->key_x != 0 || input->key_y != 0;
-}
-
-static void eye_pose(const struct dio_orbit *fitted, const struct eye *eye, struct dio_pose *pose)
-{
-	struct dio_orbit orbit = *fitted;
-
-	memcpy(orbit.centre, eye->centre, sizeof orbit.centre);
-	dio_orbit_look(&orbit, eye->azimuth, eye->distance * sin(eye->elevation),
-		       eye->distance * cos(eye->elevation), pose);
 }
 
 static enum dio_status open_scene(const struct view_job *job, struct dio_session *session,
@@ -153,14 +122,14 @@ static enum dio_status look(struct dio_session *session, const struct dio_camera
 	struct dio_picture picture = {0};
 	struct dio_orbit orbit = {0};
 	struct dio_pose pose;
-	struct eye eye = {0};
+	struct dio_eye eye = {0};
 	bool moved = true;
 	enum dio_status status = fit_orbit(dio_session_get_scene(session), &orbit, error);
 
-	eye_reset(&orbit, &eye);
+	dio_eye_reset(&orbit, &eye);
 	while (status == DIO_OK && !input.quit) {
 		if (moved) {
-			eye_pose(&orbit, &eye, &pose);
+			dio_eye_pose(&eye, &pose);
 			status = dio_session_render_picture(session, camera, &pose, &picture, NULL,
 							    error);
 		}
