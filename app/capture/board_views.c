@@ -9,8 +9,7 @@
 #include "core/log.h"
 #include "core/progress.h"
 
-/* The picture is cut into CELLS x CELLS for the coverage that is gathered. */
-#define CELLS 8
+#define CELLS DIO_BOARD_CELLS
 
 /* A view is new when its corners lie this share of the picture's diagonal from where any view
  * before had them (root mean square over the corners both show). */
@@ -28,25 +27,24 @@ struct gathering {
 	const struct dio_gather_options *options;
 	struct dio_board_detector *detector;
 	struct dio_board_views *views;
-	bool cells[CELLS * CELLS];
 	bool stream;
 	uint64_t start_ns;
 };
 
-static void mark_cells(struct gathering *g, const struct dio_corners *corners)
+static void mark_cells(struct dio_board_views *views, const struct dio_corners *corners)
 {
 	uint32_t marked = 0;
 
 	for (uint32_t i = 0; i < corners->count; i++) {
-		int x = (int)(corners->image_px[i][0] / (float)g->views->width * CELLS);
-		int y = (int)(corners->image_px[i][1] / (float)g->views->height * CELLS);
+		int x = (int)(corners->image_px[i][0] / (float)views->width * CELLS);
+		int y = (int)(corners->image_px[i][1] / (float)views->height * CELLS);
 
 		if (x >= 0 && x < CELLS && y >= 0 && y < CELLS)
-			g->cells[y * CELLS + x] = true;
+			views->cells[y * CELLS + x] = true;
 	}
 	for (int i = 0; i < CELLS * CELLS; i++)
-		marked += g->cells[i];
-	g->views->coverage = (double)marked / (CELLS * CELLS);
+		marked += views->cells[i];
+	views->coverage = (double)marked / (CELLS * CELLS);
 }
 
 /* Root mean square distance of the corners that both show, pixels; infinite with too few. */
@@ -110,15 +108,42 @@ static enum dio_status append(struct dio_board_views *views, const char *name,
 	return DIO_OK;
 }
 
+/* Keep the corners as a view. */
+static enum dio_status take(struct dio_board_views *views, const char *name,
+			    struct dio_corners *corners, struct dio_error *error)
+{
+	mark_cells(views, corners);
+	return append(views, name, corners, error);
+}
+
+enum dio_status dio_board_views_offer(struct dio_board_views *views, const char *name,
+				      struct dio_corners *corners, enum dio_board_offer *offer,
+				      struct dio_error *error)
+{
+	views->frames++;
+	if (corners->count < CORNERS_MIN) {
+		views->without_board++;
+		*offer = DIO_OFFER_NO_BOARD;
+		return DIO_OK;
+	}
+	if (!is_new(views, corners)) {
+		views->not_new++;
+		*offer = DIO_OFFER_NOT_NEW;
+		return DIO_OK;
+	}
+	*offer = DIO_OFFER_TAKEN;
+	return take(views, name, corners, error);
+}
+
 /* Look at one picture. */
 static enum dio_status look(struct gathering *g, const struct dio_picture *picture,
 			    const char *name, struct dio_error *error)
 {
 	struct dio_board_views *views = g->views;
 	struct dio_corners corners = {0};
+	enum dio_board_offer offer;
 	enum dio_status status;
 
-	views->frames++;
 	if (views->width == 0) {
 		views->width = picture->width;
 		views->height = picture->height;
@@ -126,23 +151,18 @@ static enum dio_status look(struct gathering *g, const struct dio_picture *pictu
 	if (picture->width != views->width || picture->height != views->height) {
 		dio_log_warn("%s: %u x %u pixels, the others have %u x %u; it is left out", name,
 			     picture->width, picture->height, views->width, views->height);
+		views->frames++;
 		views->other_size++;
 		return DIO_OK;
 	}
 	status = dio_board_detect(g->detector, picture, &corners, error);
-	if (status != DIO_OK)
-		return status;
-	if (corners.count < CORNERS_MIN)
-		views->without_board++;
-	if (g->stream && corners.count < CORNERS_MIN)
-		goto out;
-	if (g->stream && !is_new(views, &corners)) {
-		views->not_new++;
-		goto out;
+	if (status == DIO_OK && g->stream) {
+		status = dio_board_views_offer(views, name, &corners, &offer, error);
+	} else if (status == DIO_OK) {
+		views->frames++;
+		views->without_board += corners.count < CORNERS_MIN;
+		status = take(views, name, &corners, error);
 	}
-	mark_cells(g, &corners);
-	status = append(views, name, &corners, error);
-out:
 	dio_corners_deinit(&corners);
 	return status;
 }
@@ -206,8 +226,6 @@ enum dio_status dio_board_views_gather(struct dio_input *input, const struct dio
 
 	if (status != DIO_OK)
 		return status;
-	for (uint32_t i = 0; i < views->count; i++)
-		mark_cells(&g, &views->corners[i]);
 	status = look_at_all(&g, error);
 	views->board = *dio_board_detector_get_board(g.detector);
 	views->unreadable = dio_input_get_unreadable(input);
