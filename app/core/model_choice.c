@@ -152,7 +152,12 @@ static char *find_in_folder(const char *folder)
 enum dio_status dio_model_find_shipped(char **path, struct dio_error *error)
 {
 	static const char *const PLACES[] = {
-		"models", "../models", "../../models", "../../../models", "../share/diorama/models",
+		"models",
+		"../models",
+		"../../models",
+		"../../../models",
+		"../share/diorama/models",
+		"../../share/diorama/models",
 	};
 	char program[4096];
 	ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);

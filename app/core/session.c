@@ -16,6 +16,8 @@ struct dio_session {
 	uint32_t patch_recon, patch_render;
 	float *pixels; /* scratch of dio_session_render_picture() */
 	size_t pixel_room;
+	dvsm_progress_fn *progress; /* NULL: a bar */
+	void *progress_context;
 };
 
 enum dio_status dio_status_from_engine(enum dvsm_status status, const struct dvsm_error *from,
@@ -127,6 +129,24 @@ uint32_t dio_session_get_patch_render(const struct dio_session *session,
 	return choose_patch(session, session->patch_render, camera->width, camera->height);
 }
 
+uint32_t dio_session_get_patch_recon(const struct dio_session *session,
+				     const struct dio_camera_model *camera)
+{
+	return choose_patch(session, session->patch_recon, camera->width, camera->height);
+}
+
+void dio_session_set_patch_render(struct dio_session *session, uint32_t patch_px)
+{
+	session->patch_render = patch_px;
+}
+
+void dio_session_set_progress(struct dio_session *session, dvsm_progress_fn *progress,
+			      void *context)
+{
+	session->progress = progress;
+	session->progress_context = context;
+}
+
 /* The views as the engine takes them: the floats of all pictures lie in one block. */
 static struct dvsm_view *make_engine_views(const struct dio_view *views, uint32_t count,
 					   float **block, struct dio_error *error)
@@ -179,8 +199,10 @@ enum dio_status dio_session_reconstruct(struct dio_session *session, const struc
 	patch_px = choose_patch(session, session->patch_recon, count ? views[0].camera.width : 1,
 				count ? views[0].camera.height : 1);
 	dio_progress_init(&progress, "reconstructing");
-	status = dvsm_reconstruct(session->engine, made, count, patch_px, dio_progress_engine,
-				  &progress, &scene, stats, &fault);
+	status = dvsm_reconstruct(session->engine, made, count, patch_px,
+				  session->progress ? session->progress : dio_progress_engine,
+				  session->progress ? session->progress_context : &progress, &scene,
+				  stats, &fault);
 	dio_progress_done(&progress);
 	free(made);
 	free(block);

@@ -36,6 +36,12 @@ const char *dio_session_get_model_path(const struct dio_session *session);
 enum dio_status dio_session_reconstruct(struct dio_session *session, const struct dio_view *views,
 					uint32_t count, struct dvsm_stats *stats,
 					struct dio_error *error);
+/**
+ * Report reconstructions to `progress` instead of drawing a bar; when it says false they end with
+ * DIO_END. NULL: the bar again.
+ */
+void dio_session_set_progress(struct dio_session *session, dvsm_progress_fn *progress,
+			      void *context);
 /** Open or save the scene file. */
 enum dio_status dio_session_open_scene(struct dio_session *session, const char *path,
 				       struct dio_error *error);
@@ -65,6 +71,12 @@ void dio_picture_from_float(const float *rgb, struct dio_picture *picture);
 /** The stage patch a render of this size takes. */
 uint32_t dio_session_get_patch_render(const struct dio_session *session,
 				      const struct dio_camera_model *camera);
+
+/** The same of a reconstruction from pictures of this size. */
+uint32_t dio_session_get_patch_recon(const struct dio_session *session,
+				     const struct dio_camera_model *camera);
+/** Render with another stage patch from now on; 0: chosen from the picture's size. */
+void dio_session_set_patch_render(struct dio_session *session, uint32_t patch_px);
 
 /** Our status and text for the engine's. */
 enum dio_status dio_status_from_engine(enum dvsm_status status, const struct dvsm_error *from,
