@@ -113,6 +113,11 @@ sd_bus *dio_bus_get_connection(const struct dio_bus *bus)
 	return bus->connection;
 }
 
+bool dio_bus_is_system(const struct dio_bus *bus)
+{
+	return bus->is_system;
+}
+
 static enum dio_status take_name(struct dio_bus *bus, const char *name, struct dio_error *error)
 {
 	int result = sd_bus_request_name(bus->connection, name, 0);

@@ -3,6 +3,7 @@
 #define DIO_BUS_BUS_H
 
 #include <poll.h>
+#include <stdbool.h>
 #include <stdint.h>
 #include <systemd/sd-bus.h>
 
@@ -36,6 +37,9 @@ void dio_bus_close(struct dio_bus *bus);
 
 /** The sd-bus connection, owned by the bus: to attach it to an sd-event, or to add matches. */
 sd_bus *dio_bus_get_connection(const struct dio_bus *bus);
+
+/** Is it the system's? */
+bool dio_bus_is_system(const struct dio_bus *bus);
 
 /**
  * Publish an object and take its name. A daemon publishes one object a connection.

@@ -13,6 +13,7 @@ int dio_command_render(int argc, char **argv);
 int dio_command_eval(int argc, char **argv);
 int dio_command_info(int argc, char **argv);
 int dio_command_view(int argc, char **argv);
+int dio_command_ctl(int argc, char **argv);
 int dio_command_demo(int argc, char **argv);
 
 #endif

@@ -25,6 +25,7 @@ static const struct {
 	{"info", dio_command_info, "say what a file holds"},
 	{"bench", dio_command_bench,
 	 "measure time, memory and error on this machine"},
+	{"ctl", dio_command_ctl, "speak to the daemons of a box"},
 	{"demo", dio_command_demo, "go the whole way, from camera frames to rendered viewpoints"},
 };
 

@@ -1,0 +1,235 @@
+/* Both daemons, from the board to the picture on the display. The tests build on one another. */
+#include "unit/viewd/daemons.h"
+
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "core/path.h"
+#include "core/session.h"
+#include "dio/pose.h"
+#include "support/files.h"
+
+#define WIDTH       64u
+#define HEIGHT      48u
+#define PSNR_MIN_DB 50.0 /* the pose goes through the digits of a TUM file */
+
+static void what_cannot_be_is_refused_in_one_line(void **state)
+{
+	struct fixture_run run;
+
+	(void)state;
+	daemons_expect_refusal("calibrate", "diorama-viewd is not running|systemctl start");
+	daemons_start_viewer();
+	assert_string_equal(daemons_get("State"), "idle");
+	daemons_expect_refusal("capture", "not calibrated");
+	daemons_expect_refusal("reconstruct", "0 views of at least 3");
+	daemons_expect_refusal("play", "no scene");
+	daemons_expect_refusal("save", "nothing to save");
+	daemons_expect_refusal("follow", "no scene");
+	daemons_expect_refusal("lock", "diorama-captured is not running");
+	fixture_diorama(&run, "ctl", "dance", NULL);
+	fixture_expect_refusal(&run, 1, "dance|no such word");
+	fixture_diorama(&run, "ctl", "turn", "1", "x", "1", NULL);
+	fixture_expect_refusal(&run, 1, "turn takes");
+	fixture_diorama(&run, "ctl", "--timeout", "0", "wait", "State=view", NULL);
+	fixture_expect_refusal(&run, 1, "State=view|it is idle");
+	assert_string_equal(daemons_get("Camera"), "absent");
+}
+
+static void the_camera_is_calibrated_from_live_frames(void **state)
+{
+	(void)state;
+	daemons_ctl("calibrate", NULL);
+	daemons_wait("State=calibrate");
+	daemons_start_camera("dance", 6);
+	daemons_wait("Camera=streaming");
+	daemons_wait("Camera=ended");
+	if (strcmp(daemons_get("Calibrated"), "true") != 0) {
+		assert_true(atof(daemons_get("Coverage")) > 0.3);
+		daemons_ctl("calibrate", NULL);
+	}
+	daemons_wait("Calibrated=true");
+	daemons_wait("State=idle");
+	assert_true(dio_path_is_file(fixture_path("state/camera.yaml")));
+}
+
+static void views_are_chosen_and_a_scene_is_made(void **state)
+{
+	(void)state;
+	daemons_ctl("capture", NULL);
+	daemons_wait("State=capture");
+	daemons_start_camera("walk", 2.5);
+	/* Five views are enough by the profile: then it goes on by itself. */
+	daemons_wait("State=view");
+	assert_string_equal(daemons_get("Views"), "5");
+	assert_string_equal(daemons_get("Scene"), "true");
+	assert_true(dio_path_is_file(fixture_path("state/captures/000001/scene.safetensors")));
+	assert_true(dio_path_is_file(fixture_path("state/captures/000001/path.tum")));
+	assert_false(dio_path_is_file(fixture_path("state/captures/000001/reconstruct.due")));
+	assert_non_null(strstr(daemons_get("Skipped"), "{"));
+}
+
+/* What was saved as seen, beside what `diorama render` makes of the same scene and pose. */
+static void compare_with_render(const char *name)
+{
+	char scene[256], path[256], out[256], png[256];
+	struct dio_picture rendered = {0}, seen = {0};
+	struct dio_error error = {0};
+	unsigned char *npy;
+	struct fixture_run run;
+	size_t size, numbers = (size_t)WIDTH * HEIGHT * 3;
+	double psnr;
+
+	snprintf(scene, sizeof scene, "state/scenes/%s/scene.safetensors", name);
+	snprintf(path, sizeof path, "state/scenes/%s/view.tum", name);
+	snprintf(png, sizeof png, "state/scenes/%s/view.png", name);
+	snprintf(out, sizeof out, "render-%s", name);
+	fixture_diorama(&run, "render", "--model", fixture_path("tiny.safetensors"),
+			"--scene-cache", fixture_path(scene), "--path", fixture_path(path), "--out",
+			fixture_path(out), "--raw", "--patch-render", "8", "--threads", "1", NULL);
+	if (run.code != 0)
+		fail_msg("%s", run.err);
+	snprintf(out, sizeof out, "render-%s/frames.npy", name);
+	npy = support_read_file(fixture_path(out), &size);
+	assert_non_null(npy);
+	assert_true(size > numbers * sizeof(float));
+	assert_int_equal(dio_picture_init(&rendered, WIDTH, HEIGHT), DIO_OK);
+	dio_picture_from_float((const float *)(const void *)(npy + size - numbers * sizeof(float)),
+			       &rendered);
+	if (dio_picture_read(fixture_path(png), &seen, &error) != DIO_OK)
+		fail_msg("%s", error.text);
+	psnr = dio_metrics_psnr(&rendered, &seen);
+	printf("%s: %.1f dB beside diorama render\n", name, psnr);
+	assert_true(psnr >= PSNR_MIN_DB);
+	free(npy);
+	dio_picture_deinit(&rendered);
+	dio_picture_deinit(&seen);
+}
+
+static void the_tracked_view_is_what_render_renders(void **state)
+{
+	(void)state;
+	daemons_start_camera("walk", 5);
+	daemons_wait("Source=tracked");
+	daemons_ctl("save", "tracked");
+	compare_with_render("tracked");
+	assert_true(atof(daemons_get("LatencyMs")) > 0);
+	/* The pictures end: tracking is lost, and the scene is shown all the same. */
+	daemons_wait("Camera=ended");
+	daemons_wait("Source=orbit");
+	daemons_ctl("save", "orbit");
+	compare_with_render("orbit");
+}
+
+static void play_turn_and_follow_change_where_it_is_seen_from(void **state)
+{
+	struct fixture_run run;
+
+	(void)state;
+	daemons_ctl("play", NULL);
+	daemons_wait("State=play");
+	daemons_wait("Source=path");
+	daemons_ctl("play", NULL);
+	daemons_wait("State=view");
+	fixture_diorama(&run, "ctl", "turn", "0.3", "-0.1", "1", NULL);
+	assert_int_equal(run.code, 0);
+	daemons_wait("Source=hand");
+	daemons_ctl("follow", NULL);
+	daemons_wait("Source=orbit");
+	fixture_diorama(&run, "ctl", "turn", "nan", "0", "0", NULL);
+	fixture_expect_refusal(&run, 1, "radians");
+}
+
+static void a_killed_viewer_opens_its_scene_again(void **state)
+{
+	(void)state;
+	assert_int_equal(daemons_stop_viewer(SIGKILL), -1);
+	daemons_start_viewer();
+	daemons_wait("State=view");
+	assert_string_equal(daemons_get("Views"), "5");
+	assert_string_equal(daemons_get("Calibrated"), "true");
+	assert_int_equal(daemons_stop_viewer(SIGTERM), 0);
+}
+
+static void a_reconstruction_is_taken_up_after_a_kill(void **state)
+{
+	(void)state;
+	/* As a kill in the middle of it leaves it. */
+	assert_int_equal(unlink(fixture_path("state/captures/000001/scene.safetensors")), 0);
+	fixture_write("state/captures/000001/reconstruct.due", "");
+	daemons_start_viewer();
+	daemons_wait("State=view");
+	assert_true(dio_path_is_file(fixture_path("state/captures/000001/scene.safetensors")));
+	assert_false(dio_path_is_file(fixture_path("state/captures/000001/reconstruct.due")));
+	assert_int_equal(daemons_stop_viewer(SIGTERM), 0);
+}
+
+static void a_damaged_scene_is_made_again_from_its_views(void **state)
+{
+	(void)state;
+	fixture_write("state/captures/000001/scene.safetensors", "no scene at all");
+	daemons_start_viewer();
+	daemons_wait("State=view");
+	assert_non_null(strstr(daemons_read_log(), "scene.safetensors"));
+}
+
+static void the_camera_may_go_and_come_back(void **state)
+{
+	(void)state;
+	daemons_start_camera("walk", 5);
+	daemons_wait("Camera=streaming");
+	daemons_stop_camera();
+	daemons_wait("Camera=absent");
+	assert_string_equal(daemons_get("State"), "view");
+	daemons_start_camera("walk", 5);
+	daemons_wait("Camera=streaming");
+	daemons_wait("Source=tracked");
+}
+
+static void a_full_disk_is_refused_before_it_starts(void **state)
+{
+	(void)state;
+	assert_int_equal(daemons_stop_viewer(SIGTERM), 0);
+	/* A reserve that no disk has. */
+	daemons_write_profile(1048576);
+	daemons_start_viewer();
+	daemons_wait("State=view");
+	daemons_expect_refusal("capture", "disk|free some space");
+	daemons_expect_refusal("save", "disk|free some space");
+	assert_string_equal(daemons_get("State"), "view");
+	assert_int_equal(daemons_stop_viewer(SIGTERM), 0);
+	daemons_write_profile(1);
+}
+
+static void shutdown_ends_the_daemon_cleanly(void **state)
+{
+	(void)state;
+	daemons_start_viewer();
+	daemons_wait("State=view");
+	daemons_ctl("shutdown", NULL);
+	/* The signal finds it gone, or on its way out: either way it ends by itself. */
+	assert_int_equal(daemons_stop_viewer(0), 0);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(what_cannot_be_is_refused_in_one_line),
+		cmocka_unit_test(the_camera_is_calibrated_from_live_frames),
+		cmocka_unit_test(views_are_chosen_and_a_scene_is_made),
+		cmocka_unit_test(the_tracked_view_is_what_render_renders),
+		cmocka_unit_test(play_turn_and_follow_change_where_it_is_seen_from),
+		cmocka_unit_test(a_killed_viewer_opens_its_scene_again),
+		cmocka_unit_test(a_reconstruction_is_taken_up_after_a_kill),
+		cmocka_unit_test(a_damaged_scene_is_made_again_from_its_views),
+		cmocka_unit_test(the_camera_may_go_and_come_back),
+		cmocka_unit_test(a_full_disk_is_refused_before_it_starts),
+		cmocka_unit_test(shutdown_ends_the_daemon_cleanly),
+	};
+
+	return cmocka_run_group_tests(tests, daemons_setup, daemons_teardown);
+}
