@@ -75,14 +75,14 @@ static const double powers[] = {1, 3, 10, 30, 100, 300, 1000, 3000, 10000};
 #define STEPS(array, quick) array, COUNT(array), quick
 
 static const struct line lines[] = {
-	{"depth", "depth", "blocks", set_depth, STEPS(depths, 4), {1e-5, 1e-1, 1e-1}},
+	{"depth", "depth", "blocks", set_depth, STEPS(depths, 4), {1e-5, 2e-2, 5e-2}},
 	{"views",
 	 "context views (36 tokens each)",
 	 "views",
 	 set_views,
 	 STEPS(view_counts, 5),
-	 {1e-5, 1e-1, 1e-1}},
-	{"keys", "keys of one block", "keys", set_keys, STEPS(key_counts, 7), {1e-5, 1e-1, 1e-1}},
+	 {1e-5, 2e-2, 5e-2}},
+	{"keys", "keys of one block", "keys", set_keys, STEPS(key_counts, 7), {1e-5, 2e-2, 5e-2}},
 	{"scores",
 	 "attention scores",
 	 "largest score that q and k could reach",
@@ -94,13 +94,13 @@ static const struct line lines[] = {
 	 "times as large as the other channels",
 	 set_outliers,
 	 STEPS(powers, 5),
-	 {1e-5, 1e-1, 1}},
+	 {1e-5, 5e-2, 1e-1}},
 	{"alike",
 	 "keys that are alike",
 	 "common part over what differs",
 	 set_equal_keys,
 	 STEPS(powers, 5),
-	 {1e-5, 1e-1, 1e-1}},
+	 {1e-5, 2e-2, 5e-2}},
 };
 
 #define LINES COUNT(lines)

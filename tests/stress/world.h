@@ -87,7 +87,7 @@ struct stress_outcome stress_world_run(const struct stress_world *world,
 				       const struct stress_way *way);
 void stress_outcome_deinit(struct stress_outcome *outcome);
 
-/** How far a picture is from what it should be. */
+/** How far a picture is from what it should be; colours beyond +-100 count as that. */
 struct stress_error {
 	size_t not_finite; /* numbers; the others are infinite when there are any */
 	double largest;    /* absolute difference */
