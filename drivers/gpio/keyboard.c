@@ -4,17 +4,18 @@
 #include <fcntl.h>
 #include <glob.h>
 #include <libevdev/libevdev.h>
-#include <libudev.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
+#include <sys/inotify.h>
 #include <time.h>
 #include <unistd.h>
 
 #include "chips.h"
 #include "dio/gpio.h"
 
+#define FOLDER      "/dev/input"
 #define DEVICES_MAX 16
 #define PATH_SIZE   256
 
@@ -29,8 +30,7 @@ struct dio_keyboard {
 	uint32_t keys[DIO_BUTTONS_MAX];
 	uint32_t key_count;
 	struct device devices[DEVICES_MAX];
-	struct udev *udev; /* NULL: devices are looked for once */
-	struct udev_monitor *monitor;
+	int inotify; /* -1: devices are looked for once */
 	int epoll;
 };
 
@@ -104,25 +104,33 @@ static void look_for_devices(struct dio_keyboard *keyboard)
 	globfree(&found);
 }
 
-/* Hear of devices that come. Where udev is not running they are looked for once. */
+/* Folders that devices appear in, by their own names or by udev's. They may come later. */
+static void watch_folders(const struct dio_keyboard *keyboard)
+{
+	char folder[PATH_SIZE];
+	char *slash;
+
+	snprintf(folder, sizeof(folder), "%s", keyboard->where);
+	slash = strrchr(folder, '/');
+	if (slash)
+		*slash = '\0';
+	/* A node is of use once its owner is set, which is a change of its attributes. */
+	inotify_add_watch(keyboard->inotify, FOLDER, IN_CREATE | IN_ATTRIB);
+	if (slash && folder[0] && strcmp(folder, FOLDER) != 0)
+		inotify_add_watch(keyboard->inotify, folder, IN_CREATE | IN_ATTRIB | IN_MOVED_TO);
+}
+
+/* Hear of devices that come. This reaches a service of any sandbox, unlike udevd's messages, which
+ * stay in its network namespace. */
 static void watch(struct dio_keyboard *keyboard)
 {
 	struct epoll_event event = {.events = EPOLLIN};
 
-	keyboard->udev = udev_new();
-	if (!keyboard->udev)
+	keyboard->inotify = inotify_init1(IN_NONBLOCK | IN_CLOEXEC);
+	if (keyboard->inotify < 0)
 		return;
-	keyboard->monitor = udev_monitor_new_from_netlink(keyboard->udev, "udev");
-	if (!keyboard->monitor)
-		return;
-	event.data.ptr = keyboard->monitor;
-	if (udev_monitor_filter_add_match_subsystem_devtype(keyboard->monitor, "input", NULL) < 0 ||
-	    udev_monitor_enable_receiving(keyboard->monitor) < 0 ||
-	    epoll_ctl(keyboard->epoll, EPOLL_CTL_ADD, udev_monitor_get_fd(keyboard->monitor),
-		      &event) < 0) {
-		udev_monitor_unref(keyboard->monitor);
-		keyboard->monitor = NULL;
-	}
+	epoll_ctl(keyboard->epoll, EPOLL_CTL_ADD, keyboard->inotify, &event);
+	watch_folders(keyboard);
 }
 
 enum dio_status dio_keyboard_open(const char *where, const uint32_t *keys, uint32_t count,
@@ -141,10 +149,9 @@ enum dio_status dio_keyboard_open(const char *where, const uint32_t *keys, uint3
 		return dio_fail(error, DIO_NO_MEM, "keyboard: out of memory");
 	made->epoll = epoll_create1(EPOLL_CLOEXEC);
 	if (made->epoll < 0) {
-		dio_fail(error, dio_status_from_errno(errno), "keyboard: cannot wait for keys: %s",
-			 strerror(errno));
 		free(made);
-		return dio_status_from_errno(errno);
+		return dio_fail(error, dio_status_from_errno(errno),
+				"keyboard: cannot wait for keys: %s", strerror(errno));
 	}
 	snprintf(made->where, sizeof(made->where), "%s", where);
 	memcpy(made->keys, keys, count * sizeof(*keys));
@@ -163,8 +170,8 @@ void dio_keyboard_close(struct dio_keyboard *keyboard)
 	for (int i = 0; i < DEVICES_MAX; i++)
 		if (keyboard->devices[i].evdev)
 			drop(&keyboard->devices[i]);
-	udev_monitor_unref(keyboard->monitor);
-	udev_unref(keyboard->udev);
+	if (keyboard->inotify >= 0)
+		close(keyboard->inotify);
 	close(keyboard->epoll);
 	free(keyboard);
 }
@@ -218,23 +225,33 @@ static void release_keys(const struct dio_keyboard *keyboard, const struct devic
 			report(context, keyboard->keys[i], false, dio_gpio_now_ns(NULL));
 }
 
-void dio_keyboard_drain(struct dio_keyboard *keyboard, dio_keyboard_fn *report, void *context)
+/* Something changed where devices are. */
+static bool has_news(const struct dio_keyboard *keyboard)
 {
-	struct udev_device *came;
+	_Alignas(struct inotify_event) char events[4096];
 	bool some = false;
 
-	while (keyboard->monitor && (came = udev_monitor_receive_device(keyboard->monitor))) {
+	while (keyboard->inotify >= 0 && read(keyboard->inotify, events, sizeof(events)) > 0)
 		some = true;
-		udev_device_unref(came);
-	}
-	if (some)
-		look_for_devices(keyboard);
+	return some;
+}
+
+void dio_keyboard_drain(struct dio_keyboard *keyboard, dio_keyboard_fn *report, void *context)
+{
+	bool changed = has_news(keyboard);
+
 	for (int i = 0; i < DEVICES_MAX; i++) {
 		struct device *device = &keyboard->devices[i];
 
 		if (device->evdev && !drain_device(keyboard, device, report, context)) {
 			release_keys(keyboard, device, report, context);
 			drop(device);
+			/* Its name may be another's already. */
+			changed = true;
 		}
+	}
+	if (changed) {
+		watch_folders(keyboard);
+		look_for_devices(keyboard);
 	}
 }
