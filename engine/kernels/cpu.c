@@ -127,8 +127,8 @@ static const struct dvsm_kernels *const f32_tiers[] = {
 
 static const struct dvsm_kernels *const bf16_tiers[] = {
 #if defined(__x86_64__)
-	&dvsm_kernels_bf16_avx512bf16, &dvsm_kernels_bf16_avx512,
-	&dvsm_kernels_bf16_avx2,       &dvsm_kernels_bf16_sse2,
+	&dvsm_kernels_bf16_amx,    &dvsm_kernels_bf16_avx512bf16, &dvsm_kernels_bf16_avx512,
+	&dvsm_kernels_bf16_avx2,   &dvsm_kernels_bf16_sse2,
 #elif defined(__aarch64__)
 	&dvsm_kernels_bf16_neon,
 #endif

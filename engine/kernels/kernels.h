@@ -125,12 +125,12 @@ const struct dvsm_kernels *dvsm_kernels_choose(enum dvsm_precision precision, ui
 
 /**
  * Bytes of scratch for one attention call: q and out transposed, a tile of scores, three rows, and
- * a tile of keys and one of values.
+ * a tile of keys and one of values, of which AMX wants whole tiles.
  */
 static inline size_t dvsm_attention_scratch(size_t head_dim)
 {
 	size_t queries = (2 * head_dim + DVSM_ATTENTION_KEYS + 3) * DVSM_ATTENTION_QUERIES;
-	size_t keys = 2 * DVSM_ATTENTION_KEYS * head_dim;
+	size_t keys = 2 * DVSM_ATTENTION_KEYS * dvsm_bf16_depth(head_dim);
 
 	return (queries + keys) * sizeof(float);
 }

@@ -2,6 +2,7 @@
 #ifndef TESTS_KERNELS_BF16_TIERS_H
 #define TESTS_KERNELS_BF16_TIERS_H
 
+#include "amx_tiers.h"
 #include "kernels/kernels.h"
 
 #define BF16_TIERS 8
@@ -16,6 +17,7 @@ static inline size_t bf16_tiers(const struct dvsm_kernels *tiers[BF16_TIERS])
 		&dvsm_kernels_bf16_avx2,
 		&dvsm_kernels_bf16_avx512,
 		&dvsm_kernels_bf16_avx512bf16,
+		&dvsm_kernels_bf16_amx,
 #elif defined(__aarch64__)
 		&dvsm_kernels_bf16_neon,
 #endif
@@ -27,6 +29,10 @@ static inline size_t bf16_tiers(const struct dvsm_kernels *tiers[BF16_TIERS])
 		if (present & all[i]->cpu)
 			tiers[count++] = all[i];
 	}
+#if defined(__x86_64__)
+	if (present & DVSM_CPU_AVX512_BF16)
+		tiers[count++] = &amx_model_bf16_kernels;
+#endif
 	return count;
 }
 

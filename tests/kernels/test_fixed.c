@@ -9,9 +9,11 @@
 #include <stdint.h>
 
 #include <cmocka.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "amx_tiers.h"
 #include "kernels/fixed_math.h"
 #include "support/guarded.h"
 #include "support/random.h"
@@ -541,6 +543,19 @@ static int find_tiers(void **state)
 		if (tier.cpu == cpu)
 			tiers[tier_count++] = tier;
 	}
+#if defined(__x86_64__)
+	if (dvsm_cpu_detect() & DVSM_CPU_VNNI) {
+		struct dvsm_fixed_kernels model = dvsm_fixed_kernels_scalar;
+
+		model.cpu = amx_model_fixed_kernels.cpu;
+		model.name = "amx, modelled";
+		model.gemm = amx_model_fixed_kernels.gemm;
+		model.attention = amx_model_fixed_kernels.attention;
+		tiers[tier_count++] = model;
+	}
+#endif
+	for (size_t t = 0; t < tier_count; t++)
+		printf("tier %s\n", tiers[t].name);
 	return 0;
 }
 
