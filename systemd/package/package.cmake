@@ -10,7 +10,8 @@ install(DIRECTORY models/ DESTINATION ${CMAKE_INSTALL_DATADIR}/diorama/models CO
 	FILES_MATCHING PATTERN "*.safetensors" PATTERN "*.json" PATTERN "*.md")
 install(DIRECTORY board/print DESTINATION ${CMAKE_INSTALL_DATADIR}/diorama COMPONENT diorama)
 install(DIRECTORY board/ DESTINATION ${CMAKE_INSTALL_DATADIR}/diorama/boards COMPONENT appliance
-	FILES_MATCHING PATTERN "*.ini" PATTERN "print" EXCLUDE)
+	FILES_MATCHING PATTERN "*.ini" PATTERN "*.dts" PATTERN "print" EXCLUDE PATTERN "udev" EXCLUDE)
+install(FILES board/udev/70-diorama.rules DESTINATION lib/udev/rules.d COMPONENT appliance)
 install(TARGETS dvsm ARCHIVE COMPONENT dev)
 install(DIRECTORY engine/include/dvsm DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT dev)
 configure_file(${CMAKE_CURRENT_LIST_DIR}/dvsm.pc.in dvsm.pc @ONLY)
