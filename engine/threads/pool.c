@@ -42,25 +42,32 @@ struct dvsm_pool {
 	struct worker workers[];
 };
 
-uint32_t dvsm_pool_processors(void)
+/* The processors that this thread may run on, `bytes` of them; NULL when they cannot be told.
+ * Release with CPU_FREE(). */
+static cpu_set_t *allowed_processors(size_t *bytes)
 {
-	uint32_t found = 1;
-
 	/* The kernel refuses a mask smaller than its own; grow until it fits. */
 	for (int cpus = 1024; cpus <= 1 << 20; cpus *= 4) {
 		cpu_set_t *set = CPU_ALLOC(cpus);
-		size_t size = CPU_ALLOC_SIZE(cpus);
 
+		*bytes = CPU_ALLOC_SIZE(cpus);
 		if (!set)
 			break;
-		bool fits = sched_getaffinity(0, size, set) == 0;
-
-		if (fits)
-			found = (uint32_t)CPU_COUNT_S(size, set);
+		if (sched_getaffinity(0, *bytes, set) == 0)
+			return set;
 		CPU_FREE(set);
-		if (fits)
-			break;
 	}
+	return NULL;
+}
+
+uint32_t dvsm_pool_processors(void)
+{
+	size_t bytes;
+	cpu_set_t *set = allowed_processors(&bytes);
+	uint32_t found = set ? (uint32_t)CPU_COUNT_S(bytes, set) : 1;
+
+	if (set)
+		CPU_FREE(set);
 	if (found < 1)
 		return 1;
 	return found < DVSM_MAX_THREADS ? found : DVSM_MAX_THREADS;
@@ -191,6 +198,41 @@ static bool start_workers(struct dvsm_pool *pool)
 	return true;
 }
 
+/* Each worker to a processor of its own; `mine` stays free for the caller. */
+static void pin_to(struct dvsm_pool *pool, const cpu_set_t *allowed, size_t bytes, int mine)
+{
+	cpu_set_t *one = CPU_ALLOC(8 * bytes);
+	uint32_t worker = 1;
+
+	for (int cpu = 0; one && worker < pool->threads && cpu < (int)(8 * bytes); cpu++) {
+		if (!CPU_ISSET_S(cpu, bytes, allowed) || cpu == mine)
+			continue;
+		CPU_ZERO_S(bytes, one);
+		CPU_SET_S(cpu, bytes, one);
+		/* It is for speed alone: a worker that cannot be pinned works all the same. */
+		pthread_setaffinity_np(pool->workers[worker].thread, bytes, one);
+		worker++;
+	}
+	if (one)
+		CPU_FREE(one);
+}
+
+/*
+ * Only a pool that has all processors is pinned. With fewer threads there is a choice, and the
+ * scheduler, which sees what else runs, makes it better.
+ */
+static void pin_workers(struct dvsm_pool *pool)
+{
+	size_t bytes;
+	cpu_set_t *allowed = allowed_processors(&bytes);
+
+	if (!allowed)
+		return;
+	if ((uint32_t)CPU_COUNT_S(bytes, allowed) == pool->threads)
+		pin_to(pool, allowed, bytes, sched_getcpu());
+	CPU_FREE(allowed);
+}
+
 enum dvsm_status dvsm_pool_create(uint32_t threads, struct dvsm_pool **pool,
 				  struct dvsm_error *error)
 {
@@ -214,6 +256,7 @@ enum dvsm_status dvsm_pool_create(uint32_t threads, struct dvsm_pool **pool,
 				 "thread %u of %u could not be started: ask for fewer threads",
 				 started + 2, threads);
 	}
+	pin_workers(made);
 	*pool = made;
 	return DVSM_OK;
 }

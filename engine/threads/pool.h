@@ -4,6 +4,7 @@
  * Tasks are claimed one by one from a counter, so a thread that the system took off its core delays
  * only the task in its hands; which thread runs a task must not change the task's result. An idle
  * thread polls for some ten microseconds - the gap between two jobs of a layer - and then sleeps.
+ * A pool as large as the machine has each of its own threads on a processor of its own.
  */
 #ifndef DVSM_THREADS_POOL_H
 #define DVSM_THREADS_POOL_H

@@ -5,6 +5,7 @@
 #include <stdint.h>
 
 #include <cmocka.h>
+#include <sched.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -161,6 +162,74 @@ static void idle_threads_sleep(void **state)
 	assert_true(used_ms < 50);
 }
 
+/* Where each worker may run, once all of them have met. */
+struct meeting {
+	_Atomic uint32_t arrived;
+	uint32_t threads;
+	cpu_set_t allowed[DVSM_MAX_THREADS];
+};
+
+static void meet_task(void *context, size_t index, uint32_t worker)
+{
+	struct meeting *meeting = context;
+	struct timespec start, now;
+
+	(void)index;
+	clock_gettime(CLOCK_MONOTONIC, &start);
+	sched_getaffinity(0, sizeof(meeting->allowed[worker]), &meeting->allowed[worker]);
+	atomic_fetch_add(&meeting->arrived, 1);
+	do {
+		sched_yield();
+		clock_gettime(CLOCK_MONOTONIC, &now);
+	} while (atomic_load(&meeting->arrived) < meeting->threads &&
+		 now.tv_sec - start.tv_sec < 60);
+}
+
+static void hold_meeting(uint32_t threads, struct meeting *meeting)
+{
+	struct dvsm_pool *pool;
+
+	memset(meeting, 0, sizeof(*meeting));
+	meeting->threads = threads;
+	assert_int_equal(dvsm_pool_create(threads, &pool, NULL), DVSM_OK);
+	dvsm_pool_run(pool, threads, meet_task, meeting);
+	dvsm_pool_destroy(pool);
+	assert_int_equal(meeting->arrived, threads);
+}
+
+static void a_pool_of_all_processors_has_each_worker_on_its_own(void **state)
+{
+	static struct meeting meeting;
+	uint32_t processors = dvsm_pool_processors();
+	cpu_set_t before, used;
+
+	(void)state;
+	if (processors < 2 || processors == DVSM_MAX_THREADS)
+		skip();
+	CPU_ZERO(&used);
+	assert_int_equal(sched_getaffinity(0, sizeof(before), &before), 0);
+	hold_meeting(processors, &meeting);
+	assert_true(CPU_EQUAL(&meeting.allowed[0], &before)); /* the caller's own */
+	for (uint32_t i = 1; i < processors; i++) {
+		assert_int_equal(CPU_COUNT(&meeting.allowed[i]), 1);
+		CPU_OR(&used, &used, &meeting.allowed[i]);
+	}
+	assert_int_equal(CPU_COUNT(&used), (int)processors - 1);
+}
+
+static void a_pool_of_more_or_fewer_threads_leaves_them_to_the_system(void **state)
+{
+	static struct meeting meeting;
+	uint32_t processors = dvsm_pool_processors();
+
+	(void)state;
+	if (processors == DVSM_MAX_THREADS)
+		skip();
+	hold_meeting(processors + 1, &meeting);
+	for (uint32_t i = 0; i <= processors; i++)
+		assert_int_equal(CPU_COUNT(&meeting.allowed[i]), (int)processors);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -170,6 +239,8 @@ int main(void)
 		cmocka_unit_test(pools_come_and_go_with_and_without_work),
 		cmocka_unit_test(impossible_thread_counts_are_refused_in_words),
 		cmocka_unit_test(idle_threads_sleep),
+		cmocka_unit_test(a_pool_of_all_processors_has_each_worker_on_its_own),
+		cmocka_unit_test(a_pool_of_more_or_fewer_threads_leaves_them_to_the_system),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
