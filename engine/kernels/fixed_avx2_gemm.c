@@ -71,7 +71,7 @@ DVSM_INLINE void tile(const int rows, const struct dvsm_fixed_gemm *job, size_t 
 	int16_t chunk[ROWS][CHUNK];
 	const int16_t *words[ROWS] = {chunk[0], chunk[1], chunk[2], chunk[3]};
 	const int8_t *w = job->panels + col * job->depth;
-	__m256i sums[ROWS][2];
+	__m256i sums[ROWS][2], done[ROWS][2];
 
 	DVSM_UNROLL
 	for (int i = 0; i < rows; i++)
@@ -86,9 +86,14 @@ DVSM_INLINE void tile(const int rows, const struct dvsm_fixed_gemm *job, size_t 
 	}
 	DVSM_UNROLL
 	for (int i = 0; i < rows; i++) {
-		finish(job, row + (size_t)i, col, sums[i][0]);
+		_mm256_store_si256(&done[i][0], sums[i][0]);
+		_mm256_store_si256(&done[i][1], sums[i][1]);
+	}
+	/* By way of memory: unrolled, this much code would push the sums out of their registers. */
+	for (int i = 0; i < rows; i++) {
+		finish(job, row + (size_t)i, col, done[i][0]);
 		if (col + 8 < job->cols)
-			finish(job, row + (size_t)i, col + 8, sums[i][1]);
+			finish(job, row + (size_t)i, col + 8, done[i][1]);
 	}
 }
 

@@ -44,7 +44,7 @@ DVSM_INLINE void tile(const int rows, const int panels, const struct dvsm_fixed_
 	const __m512i flip = _mm512_set1_epi8(INT8_MIN);
 	const int8_t *a = job->a + row * job->a_stride, *w = job->panels + col * job->depth;
 	const size_t panel_bytes = DVSM_FIXED_PANEL * job->depth;
-	__m512i sums[ROWS][PANELS];
+	__m512i sums[ROWS][PANELS], done[ROWS][PANELS];
 
 	DVSM_UNROLL
 	for (int i = 0; i < rows; i++) {
@@ -73,8 +73,13 @@ DVSM_INLINE void tile(const int rows, const int panels, const struct dvsm_fixed_
 	for (int i = 0; i < rows; i++) {
 		DVSM_UNROLL
 		for (int j = 0; j < panels; j++)
+			_mm512_store_si512(&done[i][j], sums[i][j]);
+	}
+	/* By way of memory: unrolled, this much code would push the sums out of their registers. */
+	for (int i = 0; i < rows; i++) {
+		for (int j = 0; j < panels; j++)
 			finish(job, row + (size_t)i, col + (size_t)j * DVSM_FIXED_PANEL,
-			       &columns[j], sums[i][j]);
+			       &columns[j], done[i][j]);
 	}
 }
 
