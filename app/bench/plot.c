@@ -53,11 +53,14 @@ static const char STYLE[] =
 	".f32{fill:#0969da;stroke:#0969da}.bf16{fill:#bc4c00;stroke:#bc4c00}"
 	".fixed{fill:#1a7f37;stroke:#1a7f37}\n"
 	"circle{stroke-width:2}.beaten{fill-opacity:.15}\n"
+	".label{font-size:11px;stroke-width:3;paint-order:stroke}\n"
+	".label.f32{stroke:#ffffff}.label.bf16{stroke:#ffffff}.label.fixed{stroke:#ffffff}\n"
 	"@media (prefers-color-scheme:dark){text{fill:#e6edf3}.page{fill:#0d1117}"
 	".grid{stroke:#30363d}.fine{stroke:#21262d}.frame{stroke:#6e7681}.front{stroke:#9ea7b3}"
 	".leader{stroke:#6e7681}\n"
 	".f32{fill:#58a6ff;stroke:#58a6ff}.bf16{fill:#f0883e;stroke:#f0883e}"
-	".fixed{fill:#3fb950;stroke:#3fb950}}\n"
+	".fixed{fill:#3fb950;stroke:#3fb950}\n"
+	".label.f32{stroke:#0d1117}.label.bf16{stroke:#0d1117}.label.fixed{stroke:#0d1117}}\n"
 	"</style>\n";
 
 static double plot_width(void)
@@ -112,11 +115,11 @@ static void collect(struct panel *panel, const struct dio_outcome *outcome, uint
 	}
 }
 
-/* Limits with some air, at least half a decade apart. */
+/* Limits with some air, at least a third of a decade apart. */
 static void choose_limits(double low, double high, double *from, double *to)
 {
 	const double middle = 0.5 * (log10(low) + log10(high));
-	const double half = fmax(0.25, 0.58 * (log10(high) - log10(low)));
+	const double half = fmax(0.17, 0.58 * (log10(high) - log10(low)));
 
 	*from = middle - half;
 	*to = middle + half;
@@ -144,11 +147,21 @@ static void fit(struct panel *panel)
 
 /* Axes */
 
-static bool is_labelled(double mantissa, double span)
+/* Tenths of a mantissa from one line of the grid to the next. */
+static int tick_step(double span)
 {
-	/* Few decades leave room for more numbers. */
-	return mantissa == 1 || (span < 2.2 && (mantissa == 2 || mantissa == 5)) ||
-	       (span < 0.8 && (mantissa == 3 || mantissa == 7));
+	return span < 0.6 ? 5 : 10;
+}
+
+/* Few decades leave room for more numbers. */
+static bool is_labelled(int tenths, double span)
+{
+	const bool round = tenths % 10 == 0;
+
+	if (span < 0.6)
+		return round || tenths < 30;
+	return tenths == 10 || (span < 2.2 && (tenths == 20 || tenths == 50)) ||
+	       (span < 0.9 && round);
 }
 
 static void draw_x_axis(FILE *out, const struct panel *panel)
@@ -156,9 +169,9 @@ static void draw_x_axis(FILE *out, const struct panel *panel)
 	const double bottom = HEIGHT - BOTTOM, span = panel->high_x - panel->low_x;
 
 	for (int decade = (int)floor(panel->low_x); decade <= panel->high_x; decade++) {
-		for (int mantissa = 1; mantissa < 10; mantissa++) {
-			const double value = mantissa * pow(10, decade), at = log10(value);
-			const bool labelled = is_labelled(mantissa, span);
+		for (int tenths = 10; tenths < 100; tenths += tick_step(span)) {
+			const double value = tenths * pow(10, decade - 1), at = log10(value);
+			const bool labelled = is_labelled(tenths, span);
 
 			if (at < panel->low_x || at > panel->high_x)
 				continue;
@@ -183,9 +196,9 @@ static void draw_y_axis(FILE *out, const struct panel *panel)
 	const double left = panel->left + LEFT, span = panel->high_y - panel->low_y;
 
 	for (int decade = (int)floor(panel->low_y); decade <= panel->high_y; decade++) {
-		for (int mantissa = 1; mantissa < 10; mantissa++) {
-			const double value = mantissa * pow(10, decade), at = log10(value);
-			const bool labelled = is_labelled(mantissa, span);
+		for (int tenths = 10; tenths < 100; tenths += tick_step(span)) {
+			const double value = tenths * pow(10, decade - 1), at = log10(value);
+			const bool labelled = is_labelled(tenths, span);
 
 			if (at < panel->low_y || at > panel->high_y)
 				continue;
@@ -259,8 +272,8 @@ static void draw_label(FILE *out, struct panel *panel, const struct point *point
 	if (hypot(x - point->x, y - point->y) > 0.5 * width + 14)
 		fprintf(out, "<line class='leader' x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f'/>\n",
 			point->x, point->y, x, y);
-	fprintf(out, "<text class='small' text-anchor='middle' x='%.1f' y='%.1f'>%s</text>\n", x,
-		y + 4, point->label);
+	fprintf(out, "<text class='label %s' text-anchor='middle' x='%.1f' y='%.1f'>%s</text>\n",
+		dvsm_precision_name(point->measured->wish.precision), x, y + 4, point->label);
 }
 
 static void draw_points(FILE *out, struct panel *panel)
