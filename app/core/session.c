@@ -14,8 +14,6 @@ struct dio_session {
 	struct dvsm_scene *scene;
 	uint32_t tokens_per_view; /* that the weights were trained with; 0: unknown */
 	uint32_t patch_recon, patch_render;
-	float *pixels; /* scratch of dio_session_render_picture() */
-	size_t pixel_room;
 	dvsm_progress_fn *progress; /* NULL: a bar */
 	void *progress_context;
 };
@@ -89,7 +87,6 @@ void dio_session_close(struct dio_session *session)
 	dvsm_engine_destroy(session->engine);
 	dvsm_model_close(session->model);
 	free(session->model_path);
-	free(session->pixels);
 	free(session);
 }
 
@@ -254,7 +251,8 @@ void dio_picture_from_float(const float *rgb, struct dio_picture *picture)
 	size_t numbers = (size_t)picture->width * picture->height * 3;
 
 	for (size_t i = 0; i < numbers; i++) {
-		float value = rgb[i] * 255.0f + 0.5f;
+		/* In double the product is exact: dvsm_render_rgb8() gives the same bytes. */
+		double value = (double)rgb[i] * 255 + 0.5;
 
 		/* The first test also sends a number that is not finite to black. */
 		picture->rgb[i] = !(value > 0) ? 0 : value >= 255 ? 255 : (uint8_t)value;
@@ -266,18 +264,10 @@ enum dio_status dio_session_render_picture(struct dio_session *session,
 					   const struct dio_pose *pose, struct dio_picture *picture,
 					   struct dvsm_stats *stats, struct dio_error *error)
 {
-	size_t numbers = (size_t)camera->width * camera->height * 3;
+	struct dvsm_camera engine_camera = dio_view_engine_camera(camera, pose);
+	struct dvsm_error fault = {0};
 	enum dio_status status;
 
-	if (numbers > session->pixel_room) {
-		float *pixels = realloc(session->pixels, numbers * sizeof *pixels);
-
-		if (!pixels)
-			return dio_fail(error, DIO_NO_MEM, "no memory for a %ux%u picture",
-					camera->width, camera->height);
-		session->pixels = pixels;
-		session->pixel_room = numbers;
-	}
 	if (picture->width != camera->width || picture->height != camera->height) {
 		dio_picture_deinit(picture);
 		status = dio_picture_init(picture, camera->width, camera->height);
@@ -285,8 +275,9 @@ enum dio_status dio_session_render_picture(struct dio_session *session,
 			return dio_fail(error, status, "no memory for a %ux%u picture",
 					camera->width, camera->height);
 	}
-	status = dio_session_render(session, camera, pose, session->pixels, stats, error);
-	if (status == DIO_OK)
-		dio_picture_from_float(session->pixels, picture);
-	return status;
+	return dio_status_from_engine(
+		dvsm_render_rgb8(session->engine, session->scene, &engine_camera,
+				 dio_session_get_patch_render(session, camera), picture->rgb, stats,
+				 &fault),
+		&fault, error);
 }

@@ -20,7 +20,7 @@ struct render_job {
 	struct dio_session_options session;
 	struct shots_wish shots;
 	const char *scene, *scene_cache, *out;
-	bool raw, json;
+	bool raw, json, hash;
 };
 
 /* Where rendered pictures go. Each that is open gets every picture. */
@@ -31,6 +31,7 @@ struct sinks {
 	float *rgb;
 	struct dio_picture picture;
 	uint64_t render_ns;
+	cJSON *hashes; /* of each picture's bytes; NULL without --hash */
 };
 
 /* The film is called after its path: orbit.mp4, or the trajectory's name. */
@@ -153,6 +154,17 @@ static enum dio_status fit_picture(struct dio_picture *picture,
 	return status == DIO_OK ? DIO_OK : dio_fail(error, status, "no memory for a picture");
 }
 
+static void add_hash(cJSON *hashes, const char *name, const struct dio_picture *picture)
+{
+	cJSON *item = cJSON_CreateObject();
+	char hex[65];
+
+	dvsm_hash_bytes(picture->rgb, (size_t)picture->width * picture->height * 3, hex);
+	dio_json_add_text(item, "name", name);
+	dio_json_add_text(item, "sha256", hex);
+	cJSON_AddItemToArray(hashes, item);
+}
+
 static enum dio_status render_shot(struct dio_session *session, const struct shot *shot,
 				   struct sinks *sinks, struct dio_error *error)
 {
@@ -166,6 +178,8 @@ static enum dio_status render_shot(struct dio_session *session, const struct sho
 		return status;
 	sinks->render_ns += stats.time_ns;
 	dio_picture_from_float(sinks->rgb, &sinks->picture);
+	if (sinks->hashes)
+		add_hash(sinks->hashes, shot->name, &sinks->picture);
 	if (sinks->npy && (status = dio_npy_append(sinks->npy, sinks->rgb, error)) != DIO_OK)
 		return status;
 	if (sinks->video)
@@ -174,10 +188,10 @@ static enum dio_status render_shot(struct dio_session *session, const struct sho
 }
 
 static enum dio_status render_all(const struct render_job *job, struct dio_session *session,
-				  const struct shots *shots, uint64_t *render_ns,
+				  const struct shots *shots, cJSON *hashes, uint64_t *render_ns,
 				  struct dio_error *error)
 {
-	struct sinks sinks = {0};
+	struct sinks sinks = {.hashes = hashes};
 	struct dio_progress progress;
 	enum dio_status status;
 
@@ -219,9 +233,27 @@ static enum dio_status open_scene(const struct render_job *job, struct dio_sessi
 	return dio_session_reconstruct(*session, set->context, set->context_count, NULL, error);
 }
 
+/* What --hash tells. */
+struct hashes {
+	char cache[65];
+	cJSON *frames; /* NULL without it */
+};
+
+static void print_hashes(const struct hashes *hashes)
+{
+	const cJSON *frame;
+
+	if (!hashes->frames)
+		return;
+	printf("%s  cache\n", hashes->cache);
+	cJSON_ArrayForEach(frame, hashes->frames)
+		printf("%s  %s\n", cJSON_GetObjectItem(frame, "sha256")->valuestring,
+		       cJSON_GetObjectItem(frame, "name")->valuestring);
+}
+
 static enum dio_status print_result(const struct render_job *job, const struct dio_session *session,
-				    const struct shots *shots, uint64_t render_ns,
-				    struct dio_error *error)
+				    const struct shots *shots, const struct hashes *hashes,
+				    uint64_t render_ns, struct dio_error *error)
 {
 	const struct dio_camera_model *camera = &shots->list[0].camera;
 	double render_ms = (double)render_ns * 1e-6;
@@ -231,6 +263,7 @@ static enum dio_status print_result(const struct render_job *job, const struct d
 	if (!job->json) {
 		printf("%s: %u pictures of %ux%u, %.1f ms each (patch %u)\n", job->out,
 		       shots->count, camera->width, camera->height, render_ms, patch_px);
+		print_hashes(hashes);
 		return DIO_OK;
 	}
 	root = cJSON_CreateObject();
@@ -240,6 +273,10 @@ static enum dio_status print_result(const struct render_job *job, const struct d
 	cJSON_AddNumberToObject(root, "height", camera->height);
 	cJSON_AddNumberToObject(root, "patch_render", patch_px);
 	dio_json_add_number(root, "render_ms", render_ms, 3);
+	if (hashes->frames) {
+		dio_json_add_text(root, "cache_sha256", hashes->cache);
+		cJSON_AddItemReferenceToObject(root, "frames", hashes->frames);
+	}
 	return dio_json_print(root, error);
 }
 
@@ -248,6 +285,7 @@ static enum dio_status render(const struct render_job *job, struct dio_error *er
 	struct dio_view_set set = {0};
 	struct dio_session *session = NULL;
 	struct shots shots = {0};
+	struct hashes hashes = {.frames = job->hash ? cJSON_CreateArray() : NULL};
 	uint64_t render_ns = 0;
 	enum dio_status status;
 
@@ -257,8 +295,13 @@ static enum dio_status render(const struct render_job *job, struct dio_error *er
 	if ((status = open_scene(job, &session, &set, error)) == DIO_OK &&
 	    (status = shots_make(&job->shots, dio_session_get_scene(session),
 				 job->scene ? &set : NULL, &shots, error)) == DIO_OK &&
-	    (status = render_all(job, session, &shots, &render_ns, error)) == DIO_OK)
-		status = print_result(job, session, &shots, render_ns, error);
+	    (status = render_all(job, session, &shots, hashes.frames, &render_ns, error)) ==
+		    DIO_OK) {
+		if (job->hash)
+			dvsm_scene_hash_cache(dio_session_get_scene(session), hashes.cache);
+		status = print_result(job, session, &shots, &hashes, render_ns, error);
+	}
+	cJSON_Delete(hashes.frames);
 	shots_deinit(&shots);
 	dio_session_close(session);
 	dio_view_set_deinit(&set);
@@ -295,6 +338,9 @@ int dio_command_render(int argc, char **argv)
 		DIO_OPTION_THREADS(job.session),
 		DIO_OPTION_CPU(job.session),
 		DIO_OPTION_PRECISION(job.session),
+		{"hash", DIO_OPTION_FLAG, NULL,
+		 "print the SHA-256 of the scene's cache and of each picture's bytes", &job.hash, 0,
+		 0, false},
 		{"json", DIO_OPTION_FLAG, NULL, "results as JSON", &job.json, 0, 0, false},
 	};
 	const struct dio_usage usage = {

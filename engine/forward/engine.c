@@ -8,6 +8,21 @@
 #include "geometry/pose.h"
 #include "scene/scene_internal.h"
 
+/* Kernels and weights of the precision. */
+static enum dvsm_status choose_path(struct dvsm_engine *engine,
+				    const struct dvsm_engine_options *options,
+				    struct dvsm_error *error)
+{
+	uint32_t mask = options->cpu_mask ? options->cpu_mask : (uint32_t)DVSM_CPU_ALL;
+
+	if (options->precision == DVSM_PRECISION_FIXED) {
+		engine->fixed_kernels = dvsm_fixed_kernels_choose(mask);
+		return dvsm_fixed_model_create(engine->model, &engine->fixed, error);
+	}
+	engine->kernels = dvsm_kernels_choose(options->precision, mask);
+	return dvsm_engine_weights_init(engine->model, options->precision, &engine->weights, error);
+}
+
 enum dvsm_status dvsm_engine_create(const struct dvsm_model *model,
 				    const struct dvsm_engine_options *options,
 				    struct dvsm_engine **engine, struct dvsm_error *error)
@@ -19,10 +34,10 @@ enum dvsm_status dvsm_engine_create(const struct dvsm_model *model,
 		return dvsm_fail(error, DVSM_BAD_ARG, "engine: a model and a place are needed");
 	if (!options)
 		options = &defaults;
-	if (options->precision != DVSM_PRECISION_F32 && options->precision != DVSM_PRECISION_BF16)
+	if ((uint32_t)options->precision > DVSM_PRECISION_FIXED)
 		return dvsm_fail(error, DVSM_UNSUPPORTED,
-				 "engine: precision %s is not in this build: use f32 or bf16",
-				 dvsm_precision_name(options->precision));
+				 "engine: precision %d is none of f32, bf16 and fixed",
+				 (int)options->precision);
 
 	uint32_t threads = options->threads ? options->threads : dvsm_pool_processors();
 	struct dvsm_engine *made = calloc(1, sizeof(*made));
@@ -31,9 +46,7 @@ enum dvsm_status dvsm_engine_create(const struct dvsm_model *model,
 		return dvsm_fail(error, DVSM_NO_MEM, "no memory for an engine");
 	made->model = model;
 	made->precision = options->precision;
-	made->kernels = dvsm_kernels_choose(
-		options->precision, options->cpu_mask ? options->cpu_mask : (uint32_t)DVSM_CPU_ALL);
-	status = dvsm_engine_weights_init(model, options->precision, &made->weights, error);
+	status = choose_path(made, options, error);
 	if (status == DVSM_OK)
 		status = dvsm_pool_create(threads, &made->pool, error);
 	if (status != DVSM_OK) {
@@ -50,13 +63,14 @@ void dvsm_engine_destroy(struct dvsm_engine *engine)
 		return;
 	dvsm_pool_destroy(engine->pool);
 	dvsm_engine_weights_deinit(&engine->weights);
+	dvsm_fixed_model_destroy(engine->fixed);
 	free(engine->workspace);
 	free(engine);
 }
 
 const char *dvsm_engine_get_cpu(const struct dvsm_engine *engine)
 {
-	return engine->kernels->name;
+	return engine->fixed ? engine->fixed_kernels.name : engine->kernels->name;
 }
 
 uint32_t dvsm_engine_get_threads(const struct dvsm_engine *engine)
@@ -118,7 +132,10 @@ enum dvsm_status dvsm_engine_measure(const struct dvsm_engine *engine,
 						     dvsm_pool_get_threads(engine->pool));
 	struct dvsm_arena arena = {0};
 
-	dvsm_workspace_place(&arena, config, &size, engine->kernels->number_bytes);
+	if (engine->fixed)
+		dvsm_fixed_workspace_place(&arena, config, &size);
+	else
+		dvsm_workspace_place(&arena, config, &size, engine->kernels->number_bytes);
 	if (arena.overflow)
 		return dvsm_fail(error, DVSM_NO_MEM,
 				 "workspace of %zu tokens does not fit the address space: "
@@ -166,6 +183,24 @@ struct dvsm_run dvsm_engine_begin(const struct dvsm_engine *engine,
 		.kernels = engine->kernels,
 		.pool = engine->pool,
 		.work = dvsm_workspace_place(&arena, config, &size, engine->kernels->number_bytes),
+	};
+}
+
+struct dvsm_fixed_run dvsm_engine_begin_fixed(const struct dvsm_engine *engine,
+					      const struct dvsm_camera *cameras, uint32_t count,
+					      uint32_t patch_px)
+{
+	const struct dvsm_model_config *config = &engine->model->config;
+	struct dvsm_job_size size = dvsm_job_size_of(config, cameras, count, patch_px,
+						     dvsm_pool_get_threads(engine->pool));
+	struct dvsm_arena arena = {.base = engine->workspace};
+
+	return (struct dvsm_fixed_run){
+		.config = config,
+		.model = engine->fixed,
+		.kernels = &engine->fixed_kernels,
+		.pool = engine->pool,
+		.work = dvsm_fixed_workspace_place(&arena, config, &size),
 	};
 }
 

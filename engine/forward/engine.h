@@ -3,6 +3,7 @@
 #define DVSM_FORWARD_ENGINE_H
 
 #include "dvsm/engine.h"
+#include "fixed/run.h"
 #include "forward/steps.h"
 #include "forward/weights.h"
 
@@ -10,6 +11,8 @@ struct dvsm_engine {
 	const struct dvsm_model *model; /* borrowed */
 	struct dvsm_engine_weights weights;
 	const struct dvsm_kernels *kernels;
+	struct dvsm_fixed_model *fixed; /* NULL but in fixed; owned */
+	struct dvsm_fixed_kernels fixed_kernels;
 	struct dvsm_pool *pool;
 	enum dvsm_precision precision;
 	void *workspace; /* grows to the largest job so far; owned */
@@ -37,10 +40,16 @@ struct dvsm_run dvsm_engine_begin(const struct dvsm_engine *engine,
 				  const struct dvsm_camera *cameras, uint32_t count,
 				  uint32_t patch_px);
 
+/** The same in fixed. */
+struct dvsm_fixed_run dvsm_engine_begin_fixed(const struct dvsm_engine *engine,
+					      const struct dvsm_camera *cameras, uint32_t count,
+					      uint32_t patch_px);
+
 /** Of the model, and what the engine has of its own. */
 static inline size_t dvsm_engine_weight_bytes(const struct dvsm_engine *engine)
 {
-	return engine->model->weight_bytes + engine->weights.bytes;
+	return engine->model->weight_bytes + engine->weights.bytes +
+	       (engine->fixed ? engine->fixed->weight_bytes : 0);
 }
 
 /** CLOCK_MONOTONIC. */

@@ -17,7 +17,7 @@ struct picture_job {
 	const struct dvsm_patch_plan *plan;
 	const float *rgb;
 	float *patches;
-	float *out;
+	const struct dvsm_picture_out *out;
 	size_t count;
 };
 
@@ -80,17 +80,34 @@ static void colour_task(void *context, size_t index, uint32_t worker)
 				     job->run->model->config.rgb_sigmoid);
 }
 
+/* The first test also sends a number that is not finite to black. */
+static uint8_t byte_of(float colour)
+{
+	double value = (double)colour * 255 + 0.5;
+
+	return !(value > 0) ? 0 : value >= 255 ? 255 : (uint8_t)value;
+}
+
 static void join_task(void *context, size_t index, uint32_t worker)
 {
 	const struct picture_job *job = context;
+	const size_t numbers = 3 * (size_t)job->plan->width;
+	uint32_t first = (uint32_t)(index * PICTURE_ROWS);
+	uint32_t end = first + (uint32_t)dvsm_tile_length(job->plan->height, PICTURE_ROWS, index);
+	unsigned char *scratch = dvsm_run_scratch(job->run, worker);
 
-	dvsm_patch_join_rows(job->plan, job->patches, (uint32_t)(index * PICTURE_ROWS),
-			     (uint32_t)dvsm_tile_length(job->plan->height, PICTURE_ROWS, index),
-			     job->out, dvsm_run_scratch(job->run, worker));
+	for (uint32_t y = first; y < end; y++) {
+		float *row = job->out->rgb ? job->out->rgb + y * numbers
+					   : (float *)(void *)(scratch + job->plan->scratch_bytes);
+
+		dvsm_patch_join_row(job->plan, job->patches, y, row, scratch);
+		for (size_t i = 0; job->out->bytes && i < numbers; i++)
+			job->out->bytes[y * numbers + i] = byte_of(row[i]);
+	}
 }
 
 void dvsm_picture_write(const struct dvsm_run *run, const struct dvsm_patch_plan *plan,
-			const float *x, float *rgb)
+			const float *x, const struct dvsm_picture_out *out)
 {
 	const struct dvsm_matrix *to_rgb = &run->weights->to_rgb;
 	const size_t tokens = dvsm_token_grid_count(plan->grid);
@@ -98,7 +115,7 @@ void dvsm_picture_write(const struct dvsm_run *run, const struct dvsm_patch_plan
 		.run = run,
 		.plan = plan,
 		.patches = run->work.wide,
-		.out = rgb,
+		.out = out,
 		.count = tokens * to_rgb->out,
 	};
 

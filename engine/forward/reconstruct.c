@@ -1,6 +1,7 @@
 #include <stdlib.h>
 
 #include "base/error.h"
+#include "fixed/stages.h"
 #include "forward/block.h"
 #include "forward/engine.h"
 #include "forward/picture.h"
@@ -115,7 +116,13 @@ enum dvsm_status dvsm_reconstruct(struct dvsm_engine *engine, const struct dvsm_
 				     engine->precision, cameras, count, patch_px, &made, error);
 	if (status == DVSM_OK)
 		status = dvsm_engine_reserve(engine, cameras, count, patch_px, error);
-	if (status == DVSM_OK) {
+	if (status == DVSM_OK && engine->fixed) {
+		struct dvsm_fixed_run run =
+			dvsm_engine_begin_fixed(engine, cameras, count, patch_px);
+
+		status = dvsm_fixed_reconstruct(&run, made, views, progress, progress_context,
+						error);
+	} else if (status == DVSM_OK) {
 		struct dvsm_run run = dvsm_engine_begin(engine, cameras, count, patch_px);
 
 		status = run_stage(&run, made, views, progress, progress_context, error);

@@ -1,6 +1,7 @@
 #include <string.h>
 
 #include "base/error.h"
+#include "fixed/stages.h"
 #include "forward/block.h"
 #include "forward/engine.h"
 #include "forward/picture.h"
@@ -42,16 +43,17 @@ enum dvsm_status dvsm_render_reserve(struct dvsm_engine *engine, const struct dv
 	return status;
 }
 
-static void run_stage(const struct dvsm_run *run, const struct dvsm_scene *scene,
+static void run_stage(struct dvsm_engine *engine, const struct dvsm_scene *scene,
 		      const struct dvsm_camera *camera, const struct dvsm_patch_plan *plan,
-		      uint32_t patch_px, float *out)
+		      uint32_t patch_px, const struct dvsm_picture_out *out)
 {
-	const struct dvsm_model_config *config = &run->model->config;
+	struct dvsm_run run = dvsm_engine_begin(engine, camera, 1, patch_px);
+	const struct dvsm_model_config *config = &run.model->config;
 	const size_t tokens = dvsm_token_grid_count(plan->grid);
 	struct dvsm_ray_map map =
 		dvsm_ray_map_prepare(camera, &scene->normalisation, config->patch_px, patch_px);
 
-	dvsm_picture_embed(run, &map, plan, NULL, run->work.x);
+	dvsm_picture_embed(&run, &map, plan, NULL, run.work.x);
 	for (uint32_t layer = 0; layer < config->layers; layer++) {
 		const struct dvsm_heads cache = {
 			dvsm_scene_keys(scene, layer, 0),
@@ -59,20 +61,21 @@ static void run_stage(const struct dvsm_run *run, const struct dvsm_scene *scene
 			scene->tokens,
 		};
 
-		dvsm_block_intra(run, layer, run->work.x, tokens);
-		dvsm_block_cross(run, layer, run->work.x, tokens, &cache);
+		dvsm_block_intra(&run, layer, run.work.x, tokens);
+		dvsm_block_cross(&run, layer, run.work.x, tokens, &cache);
 	}
-	dvsm_picture_write(run, plan, run->work.x, out);
+	dvsm_picture_write(&run, plan, run.work.x, out);
 }
 
-enum dvsm_status dvsm_render(struct dvsm_engine *engine, const struct dvsm_scene *scene,
-			     const struct dvsm_camera *camera, uint32_t patch_px, float *out,
-			     struct dvsm_stats *stats, struct dvsm_error *error)
+static enum dvsm_status render(struct dvsm_engine *engine, const struct dvsm_scene *scene,
+			       const struct dvsm_camera *camera, uint32_t patch_px,
+			       const struct dvsm_picture_out *out, struct dvsm_stats *stats,
+			       struct dvsm_error *error)
 {
 	uint64_t start_ns = dvsm_engine_now_ns();
 	enum dvsm_status status = check(engine, scene, camera, &patch_px, error);
 
-	if (status == DVSM_OK && !out)
+	if (status == DVSM_OK && !out->rgb && !out->bytes)
 		status = dvsm_fail(error, DVSM_BAD_ARG, "render: no place for the picture");
 	if (status == DVSM_OK)
 		status = dvsm_target_check(camera, &scene->normalisation, "target camera", error);
@@ -81,11 +84,16 @@ enum dvsm_status dvsm_render(struct dvsm_engine *engine, const struct dvsm_scene
 	if (status != DVSM_OK)
 		return status;
 
-	struct dvsm_run run = dvsm_engine_begin(engine, camera, 1, patch_px);
 	struct dvsm_patch_plan plan = dvsm_patch_plan_make(
 		camera->width, camera->height, engine->model->config.patch_px, patch_px);
 
-	run_stage(&run, scene, camera, &plan, patch_px, out);
+	if (engine->fixed) {
+		struct dvsm_fixed_run run = dvsm_engine_begin_fixed(engine, camera, 1, patch_px);
+
+		dvsm_fixed_render(&run, scene, camera, &plan, patch_px, out);
+	} else {
+		run_stage(engine, scene, camera, &plan, patch_px, out);
+	}
 	if (stats) {
 		*stats = (struct dvsm_stats){
 			.views = scene->views,
@@ -97,4 +105,22 @@ enum dvsm_status dvsm_render(struct dvsm_engine *engine, const struct dvsm_scene
 		};
 	}
 	return DVSM_OK;
+}
+
+enum dvsm_status dvsm_render(struct dvsm_engine *engine, const struct dvsm_scene *scene,
+			     const struct dvsm_camera *camera, uint32_t patch_px, float *out,
+			     struct dvsm_stats *stats, struct dvsm_error *error)
+{
+	const struct dvsm_picture_out picture = {.rgb = out};
+
+	return render(engine, scene, camera, patch_px, &picture, stats, error);
+}
+
+enum dvsm_status dvsm_render_rgb8(struct dvsm_engine *engine, const struct dvsm_scene *scene,
+				  const struct dvsm_camera *camera, uint32_t patch_px, uint8_t *out,
+				  struct dvsm_stats *stats, struct dvsm_error *error)
+{
+	const struct dvsm_picture_out picture = {.bytes = out};
+
+	return render(engine, scene, camera, patch_px, &picture, stats, error);
 }

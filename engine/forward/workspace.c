@@ -25,7 +25,10 @@ struct dvsm_job_size dvsm_job_size_of(const struct dvsm_model_config *config,
 
 		size.tokens += tokens;
 		size.view_tokens = larger(size.view_tokens, tokens);
-		size.scratch_bytes = larger(size.scratch_bytes, plan.scratch_bytes);
+		/* Rows of a picture: one being mixed, one that becomes bytes. */
+		size_t rows = plan.scratch_bytes + 3 * (size_t)cameras[i].width * sizeof(float);
+
+		size.scratch_bytes = larger(size.scratch_bytes, rows);
 	}
 	return size;
 }

@@ -143,24 +143,28 @@ void dvsm_patch_cut_rows(const struct dvsm_patch_plan *plan, const float *rgb, u
 	}
 }
 
-void dvsm_patch_join_rows(const struct dvsm_patch_plan *plan, const float *patches,
-			  uint32_t first_row, uint32_t count, float *rgb, void *scratch)
+void dvsm_patch_join_row(const struct dvsm_patch_plan *plan, const float *patches, uint32_t y,
+			 float *rgb, void *scratch)
 {
 	uint32_t q = plan->patch_px;
 	uint32_t map_width = plan->grid.columns * q, map_height = plan->grid.rows * q;
 	size_t run_floats = 3 * (size_t)q;
+	struct span span = span_at(y, map_height, plan->height);
 	double *mixed = scratch;
 
-	for (uint32_t y = first_row; y < first_row + count; y++) {
-		struct span span = span_at(y, map_height, plan->height);
-		for (uint32_t i = span.first; i <= span.last; i++) {
-			size_t token = (size_t)(i / q) * plan->grid.columns;
-			for (uint32_t column = 0; column < plan->grid.columns; column++)
-				add_row(mixed + column * run_floats,
-					patches + ((token + column) * q + i % q) * run_floats,
-					run_floats, span_weight(&span, i), i == span.first);
-		}
-		resample_row(mixed, map_width, plan->width, 0, plan->width, 1, 0,
-			     rgb + (size_t)y * plan->width * 3);
+	for (uint32_t i = span.first; i <= span.last; i++) {
+		size_t token = (size_t)(i / q) * plan->grid.columns;
+		for (uint32_t column = 0; column < plan->grid.columns; column++)
+			add_row(mixed + column * run_floats,
+				patches + ((token + column) * q + i % q) * run_floats, run_floats,
+				span_weight(&span, i), i == span.first);
 	}
+	resample_row(mixed, map_width, plan->width, 0, plan->width, 1, 0, rgb);
+}
+
+void dvsm_patch_join_rows(const struct dvsm_patch_plan *plan, const float *patches,
+			  uint32_t first_row, uint32_t count, float *rgb, void *scratch)
+{
+	for (uint32_t y = first_row; y < first_row + count; y++)
+		dvsm_patch_join_row(plan, patches, y, rgb + (size_t)y * plan->width * 3, scratch);
 }

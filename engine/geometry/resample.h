@@ -43,6 +43,16 @@ void dvsm_patch_cut_rows(const struct dvsm_patch_plan *plan, const float *rgb, u
 			 uint32_t count, float *patches, void *scratch);
 
 /**
+ * Put patches back on the grid and resample row y of the picture.
+ *
+ * patches   [rows * columns][q*q*3], the whole picture's tokens
+ * rgb       [width][3]
+ * scratch   plan->scratch_bytes, 8-byte aligned
+ */
+void dvsm_patch_join_row(const struct dvsm_patch_plan *plan, const float *patches, uint32_t y,
+			 float *rgb, void *scratch);
+
+/**
  * Put patches back on the grid and resample to the picture, picture rows first_row ..
  * first_row + count - 1. Values are copied through as they are.
  *

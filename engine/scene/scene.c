@@ -5,6 +5,7 @@
 
 #include "base/error.h"
 #include "base/memory.h"
+#include "files/sha256.h"
 #include "geometry/rays.h"
 #include "scene/scene_file.h"
 #include "scene/scene_internal.h"
@@ -21,9 +22,12 @@ static size_t tokens_of(const struct dvsm_camera *camera, uint32_t patch_px)
 }
 
 /* Bytes from the keys to the values: both halves start aligned. */
-static bool half_cache_bytes(uint32_t dim, uint32_t layers, enum dvsm_precision precision,
+static bool half_cache_bytes(const struct dvsm_model_config *config, enum dvsm_precision precision,
 			     size_t tokens, size_t *bytes)
 {
+	uint32_t dim = config->dim, layers = config->layers;
+	if (precision == DVSM_PRECISION_FIXED)
+		return dvsm_fixed_cache_bytes(config, tokens, bytes);
 	return dvsm_size_mul(tokens, dim, bytes) && dvsm_size_mul(*bytes, layers, bytes) &&
 	       dvsm_size_mul(*bytes, dvsm_cache_number_bytes(precision), bytes) &&
 	       dvsm_size_align(*bytes, bytes);
@@ -40,8 +44,7 @@ enum dvsm_status dvsm_scene_measure(const struct dvsm_model_config *config,
 		if (!dvsm_size_add(total, tokens_of(&cameras[i], patch_px), &total))
 			return fail_size("so many tokens", error);
 	}
-	if (!half_cache_bytes(config->dim, config->layers, precision, total, &half) ||
-	    !dvsm_size_mul(half, 2, &bytes))
+	if (!half_cache_bytes(config, precision, total, &half) || !dvsm_size_mul(half, 2, &bytes))
 		return fail_size("the KV-cache", error);
 	if (tokens)
 		*tokens = total;
@@ -49,20 +52,42 @@ enum dvsm_status dvsm_scene_measure(const struct dvsm_model_config *config,
 	return DVSM_OK;
 }
 
+static struct dvsm_model_config config_of(const struct dvsm_scene *scene)
+{
+	return (struct dvsm_model_config){
+		.dim = scene->dim,
+		.heads = scene->heads,
+		.layers = scene->layers,
+	};
+}
+
+static void allocate_cache(struct dvsm_scene *scene)
+{
+	struct dvsm_model_config config = config_of(scene);
+	if (scene->precision != DVSM_PRECISION_FIXED) {
+		scene->keys = dvsm_aligned_alloc(scene->cache_bytes);
+	} else if (dvsm_fixed_cache_init(&config, scene->tokens, &scene->fixed)) {
+		scene->keys = scene->fixed.keys;
+	}
+	if (scene->keys)
+		scene->values = (unsigned char *)scene->keys + scene->cache_bytes / 2;
+}
+
 static bool allocate_parts(struct dvsm_scene *scene, bool with_cache)
 {
 	scene->cameras = calloc(scene->views, sizeof(*scene->cameras));
 	scene->first_token = calloc((size_t)scene->views + 1, sizeof(*scene->first_token));
 	if (with_cache)
-		scene->keys = dvsm_aligned_alloc(scene->cache_bytes);
+		allocate_cache(scene);
 	return scene->cameras && scene->first_token && (scene->keys || !with_cache);
 }
 
 enum dvsm_status dvsm_scene_make(const struct dvsm_scene *sizes, bool with_cache,
 				 struct dvsm_scene **scene, struct dvsm_error *error)
 {
+	struct dvsm_model_config config = config_of(sizes);
 	size_t half;
-	if (!half_cache_bytes(sizes->dim, sizes->layers, sizes->precision, sizes->tokens, &half) ||
+	if (!half_cache_bytes(&config, sizes->precision, sizes->tokens, &half) ||
 	    half > SIZE_MAX / 2)
 		return fail_size("the KV-cache", error);
 
@@ -75,8 +100,6 @@ enum dvsm_status dvsm_scene_make(const struct dvsm_scene *sizes, bool with_cache
 		dvsm_scene_destroy(made);
 		return fail_size("the KV-cache", error);
 	}
-	if (with_cache)
-		made->values = (unsigned char *)made->keys + half;
 	*scene = made;
 	return DVSM_OK;
 }
@@ -125,7 +148,10 @@ void dvsm_scene_destroy(struct dvsm_scene *scene)
 		return;
 	free(scene->cameras);
 	free(scene->first_token);
-	free(scene->keys);
+	if (scene->precision == DVSM_PRECISION_FIXED)
+		dvsm_fixed_cache_deinit(&scene->fixed);
+	else
+		free(scene->keys);
 	free(scene);
 }
 
@@ -164,11 +190,40 @@ const char *dvsm_scene_get_model_sha256(const struct dvsm_scene *scene)
 	return scene->model_sha256;
 }
 
+void dvsm_scene_hash_cache(const struct dvsm_scene *scene, char hex[65])
+{
+	const struct dvsm_fixed_cache *fixed = &scene->fixed;
+	const size_t numbers = (size_t)scene->layers * scene->dim;
+	struct dvsm_sha256 hash;
+	dvsm_sha256_init(&hash);
+	if (scene->precision == DVSM_PRECISION_FIXED) {
+		dvsm_sha256_update(&hash, scene->keys, scene->cache_bytes);
+		dvsm_sha256_update(&hash, fixed->k_scale, numbers * sizeof(*fixed->k_scale));
+		dvsm_sha256_update(&hash, fixed->v_scale, numbers * sizeof(*fixed->v_scale));
+		dvsm_sha256_update(&hash, fixed->v_mean, numbers * sizeof(*fixed->v_mean));
+	} else {
+		size_t bytes = numbers * scene->tokens * dvsm_cache_number_bytes(scene->precision);
+		dvsm_sha256_update(&hash, scene->keys, bytes);
+		dvsm_sha256_update(&hash, scene->values, bytes);
+	}
+	dvsm_sha256_finish(&hash, hex);
+}
+
+void dvsm_hash_bytes(const void *bytes, size_t size, char hex[65])
+{
+	struct dvsm_sha256 hash;
+	dvsm_sha256_init(&hash);
+	dvsm_sha256_update(&hash, bytes, size);
+	dvsm_sha256_finish(&hash, hex);
+}
+
 enum dvsm_status dvsm_scene_copy_cache(const struct dvsm_scene *scene, uint32_t layer, float *keys,
 				       float *values)
 {
 	if (!scene || layer >= scene->layers || !keys || !values)
 		return DVSM_BAD_ARG;
+	if (scene->precision == DVSM_PRECISION_FIXED)
+		return DVSM_UNSUPPORTED;
 	size_t count = scene->tokens * scene->dim;
 	enum dvsm_dtype dtype = dvsm_scene_dtype(scene->precision);
 	dvsm_dtype_expand(dtype, dvsm_scene_keys(scene, layer, 0), count, keys);

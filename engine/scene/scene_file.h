@@ -9,6 +9,13 @@
  *   cameras        F64 [views, 22]   width height fx fy cx cy world_from_camera (row-major 4x4)
  *   normalisation  F64 [13]          axes (3x3), origin, scale
  *   keys, values   F32 or BF16 [layers, heads, tokens, dim / heads], as the precision is
+ *
+ * In fixed point keys and values lie as attention reads them (kernels/fixed.h), filled up with
+ * zeros, and scales stand beside them, each a mantissa and an exponent:
+ *
+ *   keys, values        I8 [layers, heads, padded tokens, padded dim / heads]
+ *   k_scale, v_scale    I16 [layers, dim, 2]
+ *   v_mean              I16 [layers, dim]
  */
 #ifndef DVSM_SCENE_SCENE_FILE_H
 #define DVSM_SCENE_SCENE_FILE_H
@@ -25,6 +32,8 @@
 /** The type of keys and values. */
 static inline enum dvsm_dtype dvsm_scene_dtype(enum dvsm_precision precision)
 {
+	if (precision == DVSM_PRECISION_FIXED)
+		return DVSM_DTYPE_I8;
 	return precision == DVSM_PRECISION_BF16 ? DVSM_DTYPE_BF16 : DVSM_DTYPE_F32;
 }
 

@@ -8,6 +8,7 @@
 
 #include "dvsm/model.h"
 #include "dvsm/scene.h"
+#include "fixed/cache.h"
 #include "geometry/pose.h"
 #include "kernels/bf16.h"
 
@@ -23,9 +24,10 @@ struct dvsm_scene {
 	struct dvsm_normalisation normalisation;
 	/* The cache, [layers][heads][tokens][dim / heads] each: keys after QK-norm, and values.
 	 * Float32 or, in bf16, bfloat16; both lie in one 64-byte aligned allocation that `keys`
-	 * begins; cache_bytes covers both.
+	 * begins; cache_bytes covers both. In fixed they are those of `fixed`.
 	 */
 	void *keys, *values;
+	struct dvsm_fixed_cache fixed;
 	size_t cache_bytes;
 };
 

@@ -26,6 +26,8 @@ struct reading {
 	uint32_t patch_px, views;
 	enum dvsm_precision precision; /* told by the type of the cache */
 	struct dvsm_tensor *cameras, *normalisation, *keys, *values;
+	struct dvsm_tensor *k_scale, *v_scale, *v_mean; /* NULL but in fixed */
+	uint64_t tokens;
 	double *camera_numbers; /* [views][22] as they lie in the file; owned */
 	double normalisation_numbers[DVSM_SCENE_NORMALISATION_NUMBERS];
 	struct dvsm_scene *scene; /* owned until it is handed out */
@@ -92,7 +94,59 @@ static enum dvsm_status check_model(const struct reading *r, const struct dvsm_m
 	return DVSM_OK;
 }
 
-/* Find the four tensors and check what the header alone can tell. */
+/* How many of the padded tokens there are: the cameras, which say it too, are not read yet. */
+static enum dvsm_status read_tokens(struct reading *r, uint64_t padded, struct dvsm_error *error)
+{
+	struct dvsm_json json;
+	uint32_t tokens;
+	enum dvsm_status status = dvsm_config_open(r->config_text, r->name, &json, error);
+	if (status != DVSM_OK)
+		return status;
+	status = dvsm_config_get_count(&json, r->name, "tokens", 1, INT32_MAX, &tokens, error);
+	dvsm_json_deinit(&json);
+	if (status == DVSM_OK && dvsm_fixed_pad(tokens, DVSM_FIXED_KEY_PAD) != padded)
+		return dvsm_fail(error, DVSM_BAD_FILE,
+				 "%s: tensor keys: holds %llu tokens, config's %u would be filled "
+				 "up to a multiple of %u",
+				 r->name, (unsigned long long)padded, tokens, DVSM_FIXED_KEY_PAD);
+	r->tokens = tokens;
+	return status;
+}
+
+/* The cache of a fixed-point scene. */
+static enum dvsm_status find_fixed(struct reading *r, const struct dvsm_tensor *keys,
+				   struct dvsm_error *error)
+{
+	const enum dvsm_dtype i8 = DVSM_DTYPE_I8, i16 = DVSM_DTYPE_I16;
+	const uint64_t padded = keys->rank == 4 ? keys->shape[2] : 0;
+	const uint64_t cache[4] = {r->sizes.layers, r->sizes.heads, padded,
+				   dvsm_fixed_pad(r->sizes.dim / r->sizes.heads, DVSM_FIXED_HEAD)};
+	const uint64_t scales[3] = {r->sizes.layers, r->sizes.dim, 2};
+	const struct {
+		const char *name;
+		const enum dvsm_dtype *dtype;
+		uint32_t rank;
+		const uint64_t *shape;
+		struct dvsm_tensor **tensor;
+	} wanted[] = {
+		{"keys", &i8, 4, cache, &r->keys},
+		{"values", &i8, 4, cache, &r->values},
+		{"k_scale", &i16, 3, scales, &r->k_scale},
+		{"v_scale", &i16, 3, scales, &r->v_scale},
+		{"v_mean", &i16, 2, scales, &r->v_mean},
+	};
+	r->precision = DVSM_PRECISION_FIXED;
+	for (size_t i = 0; i < sizeof(wanted) / sizeof(wanted[0]); i++) {
+		enum dvsm_status status = dvsm_safetensors_require(
+			&r->file, wanted[i].name, wanted[i].dtype, wanted[i].rank, wanted[i].shape,
+			wanted[i].tensor, error);
+		if (status != DVSM_OK)
+			return status;
+	}
+	return read_tokens(r, padded, error);
+}
+
+/* Find the tensors and check what the header alone can tell. */
 static enum dvsm_status find_tensors(struct reading *r, struct dvsm_error *error)
 {
 	const enum dvsm_dtype f64 = DVSM_DTYPE_F64;
@@ -121,6 +175,9 @@ static enum dvsm_status find_tensors(struct reading *r, struct dvsm_error *error
 					 r->sizes.dim / r->sizes.heads};
 	if (keys && keys->dtype == DVSM_DTYPE_BF16)
 		r->precision = DVSM_PRECISION_BF16;
+	if (keys && keys->dtype == DVSM_DTYPE_I8)
+		return find_fixed(r, keys, error);
+	r->tokens = cache_shape[2];
 	const enum dvsm_dtype dtype = dvsm_scene_dtype(r->precision);
 	status =
 		dvsm_safetensors_require(&r->file, "keys", &dtype, 4, cache_shape, &r->keys, error);
@@ -149,7 +206,7 @@ static enum dvsm_status make_room(struct reading *r, bool with_cache, struct dvs
 		.precision = r->precision,
 		.views = r->views,
 		.patch_px = r->patch_px,
-		.tokens = (size_t)r->keys->shape[2],
+		.tokens = (size_t)r->tokens,
 	};
 	memcpy(sizes.model_sha256, r->model_sha256, sizeof(sizes.model_sha256));
 	enum dvsm_status status = dvsm_scene_make(&sizes, with_cache, &r->scene, error);
@@ -164,6 +221,11 @@ static enum dvsm_status make_room(struct reading *r, bool with_cache, struct dvs
 	r->values->destination = r->scene->values;
 	if (r->precision == DVSM_PRECISION_BF16)
 		r->keys->place = r->values->place = place_bf16;
+	if (r->precision == DVSM_PRECISION_FIXED) {
+		r->k_scale->destination = r->scene->fixed.k_scale;
+		r->v_scale->destination = r->scene->fixed.v_scale;
+		r->v_mean->destination = r->scene->fixed.v_mean;
+	}
 	return DVSM_OK;
 }
 
@@ -195,6 +257,24 @@ static enum dvsm_status check_range(const struct reading *r, const struct dvsm_m
 			 "%s: tensors keys and values: numbers of up to %.3g and %.3g can leave "
 			 "the range of float32: reconstruct the scene again",
 			 r->name, (double)r->keys->largest, (double)r->values->largest);
+}
+
+/* What no rounding makes: such a scale belongs to no cache. */
+static enum dvsm_status check_scales(const struct reading *r, struct dvsm_error *error)
+{
+	const struct dvsm_fixed_cache *fixed = &r->scene->fixed;
+	const struct dvsm_fixed_scale *scales[2] = {fixed->k_scale, fixed->v_scale};
+	for (int s = 0; s < 2 && scales[s]; s++) {
+		for (size_t i = 0; i < fixed->layer_count * fixed->dim; i++) {
+			int mantissa = scales[s][i].mantissa, exponent = scales[s][i].exponent;
+			if (mantissa != 0 &&
+			    (mantissa < 1 << 14 || exponent < -256 || exponent > 256))
+				return dvsm_fail(error, DVSM_BAD_FILE,
+						 "%s: tensor %c_scale: number %zu is no scale",
+						 r->name, "kv"[s], i);
+		}
+	}
+	return DVSM_OK;
 }
 
 /* A whole number of pixels out of a double; 0, which no check lets pass, when it is none. */
@@ -282,6 +362,8 @@ static enum dvsm_status read_scene(struct reading *r, const struct dvsm_model *m
 		status = load_tensors(r, error);
 	if (status == DVSM_OK && model)
 		status = check_range(r, model, error);
+	if (status == DVSM_OK)
+		status = check_scales(r, error);
 	if (status == DVSM_OK)
 		status = place_cameras(r, error);
 	return status;

@@ -35,48 +35,59 @@ static void checksum(const char *config, const char *model_sha256,
 	dvsm_sha256_finish(&hash, hex);
 }
 
+/* The tensors of a file, in its order. */
+struct tensors_out {
+	struct dvsm_tensor_out list[7];
+	size_t count;
+};
+
+static void add(struct tensors_out *tensors, const char *name, enum dvsm_dtype dtype,
+		const uint64_t *shape, uint32_t rank, const void *bytes)
+{
+	struct dvsm_tensor_out *to = &tensors->list[tensors->count++];
+	*to = (struct dvsm_tensor_out){.name = name, .dtype = dtype, .rank = rank, .bytes = bytes};
+	to->size = dvsm_dtype_bytes(dtype);
+	for (uint32_t i = 0; i < rank; i++) {
+		to->shape[i] = shape[i];
+		to->size *= (size_t)shape[i];
+	}
+}
+
+static void add_cache(const struct dvsm_scene *scene, struct tensors_out *tensors)
+{
+	const enum dvsm_dtype dtype = dvsm_scene_dtype(scene->precision);
+	const uint64_t layers = scene->layers, dim = scene->dim;
+	uint64_t shape[4] = {layers, scene->heads, scene->tokens, dim / scene->heads};
+	if (scene->precision == DVSM_PRECISION_FIXED) {
+		const struct dvsm_fixed_cache *fixed = &scene->fixed;
+		const uint64_t scales[3] = {layers, dim, 2};
+		add(tensors, "k_scale", DVSM_DTYPE_I16, scales, 3, fixed->k_scale);
+		add(tensors, "v_scale", DVSM_DTYPE_I16, scales, 3, fixed->v_scale);
+		add(tensors, "v_mean", DVSM_DTYPE_I16, scales, 2, fixed->v_mean);
+		shape[2] = fixed->padded;
+		shape[3] = dvsm_fixed_pad(scene->dim / scene->heads, DVSM_FIXED_HEAD);
+	}
+	add(tensors, "keys", dtype, shape, 4, scene->keys);
+	add(tensors, "values", dtype, shape, 4, scene->values);
+}
+
 static enum dvsm_status write_scene(const struct dvsm_scene *scene, const double *cameras,
 				    const char *path, struct dvsm_error *error)
 {
 	double normalisation[DVSM_SCENE_NORMALISATION_NUMBERS];
 	pack_normalisation(&scene->normalisation, normalisation);
-	size_t camera_bytes = scene->views * DVSM_SCENE_CAMERA_NUMBERS * sizeof(double);
-	size_t cache_bytes = scene->layers * scene->tokens * scene->dim *
-			     dvsm_cache_number_bytes(scene->precision);
-	enum dvsm_dtype dtype = dvsm_scene_dtype(scene->precision);
-	const struct dvsm_tensor_out tensors[] = {
-		{"cameras",
-		 DVSM_DTYPE_F64,
-		 2,
-		 {scene->views, DVSM_SCENE_CAMERA_NUMBERS},
-		 cameras,
-		 camera_bytes},
-		{"normalisation",
-		 DVSM_DTYPE_F64,
-		 1,
-		 {DVSM_SCENE_NORMALISATION_NUMBERS},
-		 normalisation,
-		 sizeof(normalisation)},
-		{"keys",
-		 dtype,
-		 4,
-		 {scene->layers, scene->heads, scene->tokens, scene->dim / scene->heads},
-		 scene->keys,
-		 cache_bytes},
-		{"values",
-		 dtype,
-		 4,
-		 {scene->layers, scene->heads, scene->tokens, scene->dim / scene->heads},
-		 scene->values,
-		 cache_bytes},
-	};
-	const size_t count = sizeof(tensors) / sizeof(tensors[0]);
+	const uint64_t cameras_shape[2] = {scene->views, DVSM_SCENE_CAMERA_NUMBERS};
+	const uint64_t normalisation_shape[1] = {DVSM_SCENE_NORMALISATION_NUMBERS};
+	struct tensors_out tensors = {.count = 0};
+	add(&tensors, "cameras", DVSM_DTYPE_F64, cameras_shape, 2, cameras);
+	add(&tensors, "normalisation", DVSM_DTYPE_F64, normalisation_shape, 1, normalisation);
+	add_cache(scene, &tensors);
 
 	char config[160], sha256[DVSM_SHA256_HEX];
 	snprintf(config, sizeof(config),
-		 "{\"dim\": %u, \"heads\": %u, \"layers\": %u, \"patch\": %u}", scene->dim,
-		 scene->heads, scene->layers, scene->patch_px);
-	checksum(config, scene->model_sha256, tensors, count, sha256);
+		 "{\"dim\": %u, \"heads\": %u, \"layers\": %u, \"patch\": %u, \"tokens\": %zu}",
+		 scene->dim, scene->heads, scene->layers, scene->patch_px, scene->tokens);
+	checksum(config, scene->model_sha256, tensors.list, tensors.count, sha256);
 	const struct dvsm_metadata_out metadata[] = {
 		{"format", DVSM_SCENE_FORMAT},
 		{"version", DVSM_SCENE_VERSION},
@@ -85,7 +96,7 @@ static enum dvsm_status write_scene(const struct dvsm_scene *scene, const double
 		{"sha256", sha256},
 	};
 	return dvsm_safetensors_write(path, metadata, sizeof(metadata) / sizeof(metadata[0]),
-				      tensors, count, error);
+				      tensors.list, tensors.count, error);
 }
 
 enum dvsm_status dvsm_scene_save(const struct dvsm_scene *scene, const char *path,

@@ -166,6 +166,17 @@ DVSM_API enum dvsm_status dvsm_render(struct dvsm_engine *engine, const struct d
 				      float *out, struct dvsm_stats *stats,
 				      struct dvsm_error *error);
 
+/**
+ * The same, clamped to 0..1 and rounded to bytes: 255 rgb, halves up.
+ *
+ * out        [height][width][3], caller's memory
+ */
+DVSM_API enum dvsm_status dvsm_render_rgb8(struct dvsm_engine *engine,
+					   const struct dvsm_scene *scene,
+					   const struct dvsm_camera *camera, uint32_t patch_px,
+					   uint8_t *out, struct dvsm_stats *stats,
+					   struct dvsm_error *error);
+
 #ifdef __cplusplus
 }
 #endif

@@ -35,10 +35,22 @@ DVSM_API enum dvsm_precision dvsm_scene_get_precision(const struct dvsm_scene *s
 DVSM_API const char *dvsm_scene_get_model_sha256(const struct dvsm_scene *scene);
 
 /**
+ * SHA-256 of the KV-cache, keys first, and in fixed point its scales: `hex` receives 64 lower-case
+ * hex digits and a terminator. In fixed point the same pictures and poses give the same hash on
+ * every machine.
+ */
+DVSM_API void dvsm_scene_hash_cache(const struct dvsm_scene *scene, char hex[65]);
+
+/** SHA-256 of any bytes, in the same form. */
+DVSM_API void dvsm_hash_bytes(const void *bytes, size_t size, char hex[65]);
+
+/**
  * Keys and values of one block's cross-view layer, copied out for tests and tools.
  *
  * layer   0..L-1
  * keys, values   [heads][tokens][D/heads] float, caller's memory
+ *
+ * DVSM_UNSUPPORTED  a fixed-point scene: its keys are without their mean and weight
  */
 DVSM_API enum dvsm_status dvsm_scene_copy_cache(const struct dvsm_scene *scene, uint32_t layer,
 						float *keys, float *values);

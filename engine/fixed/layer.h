@@ -1,0 +1,56 @@
+/*
+ * Keys and values of one attention layer in int8, with what turns scores and sums back into
+ * numbers. Private to the engine.
+ */
+#ifndef DVSM_FIXED_LAYER_H
+#define DVSM_FIXED_LAYER_H
+
+#include "fixed/model.h"
+#include "forward/arena.h"
+
+/**
+ * D = dim, h = heads, W = padded head width. Keys stand for (n - their mean over all tokens) of the
+ * normalised keys n, whose weight is in the queries' gains; values likewise, their mean beside.
+ */
+struct dvsm_fixed_layer {
+	size_t tokens, padded;            /* the latter a multiple of DVSM_FIXED_KEY_PAD */
+	int8_t *keys;                     /* [h] packed keys of padded x W bytes */
+	int8_t *values;                   /* [h] packed values */
+	struct dvsm_fixed_scale *k_scale; /* [D] of a key, in units of normalised keys */
+	struct dvsm_fixed_scale *v_scale; /* [D] of a value, in units of attention's output */
+	int16_t *v_mean;                  /* [D] in units of attention's output */
+};
+
+/** The queries' side of a layer, which follows from its k_scale and the model. */
+struct dvsm_fixed_slots {
+	struct dvsm_fixed_gain *gains; /* [h] */
+	int16_t *numbers;              /* [D] behind them */
+};
+
+/** Bytes of one head's packed keys, or values. */
+static inline size_t dvsm_fixed_head_bytes(size_t padded, size_t dim, size_t heads)
+{
+	return padded * dvsm_fixed_pad(dim / heads, DVSM_FIXED_HEAD);
+}
+
+/** Place (or measure) a layer's small arrays; keys and values are the caller's. */
+void dvsm_fixed_layer_place(struct dvsm_arena *arena, size_t dim, struct dvsm_fixed_layer *layer);
+void dvsm_fixed_slots_place(struct dvsm_arena *arena, size_t dim, size_t heads,
+			    struct dvsm_fixed_slots *slots);
+
+/**
+ * From the ranges of all keys and values of a layer to how they are packed.
+ *
+ * ranges    [2D]: keys, values
+ * channels  receives [2D]
+ */
+void dvsm_fixed_layer_scale(const struct dvsm_fixed_half *half, size_t dim,
+			    const struct dvsm_fixed_range *ranges, struct dvsm_fixed_layer *layer,
+			    struct dvsm_fixed_channel *channels);
+
+/** The gains that queries of `half` need for keys of k_scale. */
+void dvsm_fixed_slots_fill(const struct dvsm_fixed_model *model, const struct dvsm_fixed_half *half,
+			   size_t dim, size_t heads, const struct dvsm_fixed_scale *k_scale,
+			   struct dvsm_fixed_slots *slots);
+
+#endif

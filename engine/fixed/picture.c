@@ -1,0 +1,227 @@
+#include "fixed/picture.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "fixed/resample.h"
+#include "kernels/fixed_math.h"
+
+/* Rays of a token are q^2 divisions and roots: a few tokens make a task. */
+#define RAY_TOKENS 8u
+
+/* Rows of the finished picture that make a task, and numbers of the colour step. */
+#define PICTURE_ROWS   16u
+#define COLOUR_NUMBERS 4096u
+
+/* Rays up to this size, and colours up to 3, never leave the embedding's 32 bits. */
+#define NEAR_RAY_BITS 1
+
+struct picture_job {
+	const struct dvsm_fixed_run *run;
+	const struct dvsm_ray_map *map;
+	const struct dvsm_patch_plan *plan;
+	const float *rgb;
+	int32_t *x;
+	const struct dvsm_picture_out *out;
+	size_t count, width; /* tokens, and numbers of each */
+};
+
+static size_t tiles(size_t count, size_t size)
+{
+	return (count + size - 1) / size;
+}
+
+static size_t tile_length(size_t count, size_t size, size_t index)
+{
+	size_t left = count - index * size;
+
+	return left < size ? left : size;
+}
+
+/* ---- embedding ---- */
+
+/* Largest number of a token, as the exponent of the power of two above it. */
+static int exponent_of(const float *numbers, size_t count)
+{
+	float largest = 0;
+	int exponent = 0;
+
+	for (size_t i = 0; i < count; i++)
+		largest = fabsf(numbers[i]) > largest ? fabsf(numbers[i]) : largest;
+	frexpf(largest, &exponent);
+	return largest > 0 ? exponent : INT16_MIN;
+}
+
+/* A token's floats to two planes of int8 that stand for 14 bits and a sign. */
+static void split_token(const struct picture_job *job, size_t token)
+{
+	const struct dvsm_fixed_workspace *work = &job->run->work;
+	const float *numbers = work->patches + token * job->width;
+	size_t depth = dvsm_fixed_pad(job->width, DVSM_FIXED_DEPTH);
+	int8_t *high = work->a + token * depth, *low = work->a_low + token * depth;
+	int exponent = exponent_of(numbers, job->width);
+	/* A target far outside the rig has long moments: its whole token is made smaller, which
+	 * the norm behind the embedding does not see. */
+	int far = exponent > NEAR_RAY_BITS ? exponent - NEAR_RAY_BITS : 0;
+
+	memset(high, 0, depth);
+	memset(low, 0, depth);
+	work->a_scale[token] = (struct dvsm_fixed_scale){0, 0};
+	if (exponent == INT16_MIN)
+		return;
+	for (size_t i = 0; i < job->width; i++) {
+		int number = (int)floor(ldexp(numbers[i], 14 - exponent) + 0.5);
+
+		high[i] = (int8_t)((number + 128) >> 8);
+		low[i] = (int8_t)(number - high[i] * 256);
+	}
+	work->a_scale[token] = (struct dvsm_fixed_scale){1 << 14, (int16_t)(exponent - far - 28)};
+}
+
+static void ray_task(void *context, size_t index, uint32_t worker)
+{
+	const struct picture_job *job = context;
+	size_t first = index * RAY_TOKENS, count = tile_length(job->count, RAY_TOKENS, index);
+
+	(void)worker;
+	dvsm_ray_map_write(job->map, first, count, job->run->work.patches + first * job->width);
+	for (size_t token = first; token < first + count; token++)
+		split_token(job, token);
+}
+
+static void cut_task(void *context, size_t index, uint32_t worker)
+{
+	const struct picture_job *job = context;
+	size_t columns = job->plan->grid.columns;
+
+	dvsm_patch_cut_rows(job->plan, job->rgb, (uint32_t)index, 1, job->run->work.patches,
+			    dvsm_fixed_scratch(job->run, worker));
+	for (size_t token = index * columns; token < (index + 1) * columns; token++)
+		split_token(job, token);
+}
+
+/* sums += (256 high + low) W^T. */
+static void add_planes(const struct dvsm_fixed_run *run, size_t tokens,
+		       const struct dvsm_fixed_matrix *w)
+{
+	const struct dvsm_fixed_workspace *work = &run->work;
+
+	dvsm_fixed_step_product(run, work->a_low, tokens, w, work->sums, DVSM_FIXED_ADD, 0);
+	for (size_t i = 0; i < tokens; i++)
+		work->a_scale[i] = dvsm_fixed_shift(work->a_scale[i], 8);
+	dvsm_fixed_step_product(run, work->a, tokens, w, work->sums, DVSM_FIXED_ADD, 0);
+}
+
+/* x = (256 high + low) scale. */
+static void stream_task(void *context, size_t index, uint32_t worker)
+{
+	const struct picture_job *job = context;
+	const struct dvsm_fixed_workspace *work = &job->run->work;
+	const size_t dim = job->run->config->dim, depth = dvsm_fixed_pad(dim, DVSM_FIXED_DEPTH);
+	const struct dvsm_fixed_scale scale = work->a_scale[index];
+	int shift = dvsm_fixed_clamp(-(scale.exponent + job->run->model->fraction), 0, 62);
+
+	(void)worker;
+	for (size_t d = 0; d < dim; d++) {
+		int32_t number = work->a[index * depth + d] * 256 + work->a_low[index * depth + d];
+
+		job->x[index * dim + d] =
+			(int32_t)dvsm_fixed_round((int64_t)number * scale.mantissa, shift);
+	}
+}
+
+void dvsm_fixed_picture_embed(const struct dvsm_fixed_run *run, const struct dvsm_ray_map *map,
+			      const struct dvsm_patch_plan *plan, const float *rgb, int32_t *x)
+{
+	const struct dvsm_fixed_model *model = run->model;
+	const size_t area = (size_t)plan->patch_px * plan->patch_px;
+	struct picture_job job = {
+		.run = run,
+		.map = map,
+		.plan = plan,
+		.rgb = rgb,
+		.x = x,
+		.count = dvsm_token_grid_count(plan->grid),
+		.width = 6 * area,
+	};
+
+	memset(run->work.sums, 0, job.count * run->config->dim * sizeof(int32_t));
+	dvsm_pool_run(run->pool, tiles(job.count, RAY_TOKENS), ray_task, &job);
+	add_planes(run, job.count, &model->patch_ray);
+	if (rgb) {
+		job.width = 3 * area;
+		dvsm_pool_run(run->pool, plan->grid.rows, cut_task, &job);
+		add_planes(run, job.count, &model->patch_rgb);
+	}
+	dvsm_fixed_step_norm(run, run->work.sums, job.count, &model->embed_norm, true);
+	dvsm_pool_run(run->pool, job.count, stream_task, &job);
+}
+
+/* ---- picture ---- */
+
+/* Colours end here: they are as exact in float32 as in 32 bits. */
+#define COLOUR_LIMIT (128 << DVSM_FIXED_COLOUR)
+
+static int32_t colour_of(int32_t y, int fraction, bool sigmoid)
+{
+	int64_t wide = (int64_t)y * (1 << (DVSM_FIXED_COLOUR - fraction));
+
+	if (sigmoid)
+		return dvsm_fixed_sigmoid(wide > COLOUR_LIMIT    ? COLOUR_LIMIT
+					  : wide < -COLOUR_LIMIT ? -COLOUR_LIMIT
+								 : (int32_t)wide);
+	wide = (1 << (DVSM_FIXED_COLOUR - 1)) + dvsm_fixed_round(wide, 1);
+	return wide > COLOUR_LIMIT    ? COLOUR_LIMIT
+	       : wide < -COLOUR_LIMIT ? -COLOUR_LIMIT
+				      : (int32_t)wide;
+}
+
+static void colour_task(void *context, size_t index, uint32_t worker)
+{
+	const struct picture_job *job = context;
+	int32_t *y = job->run->work.sums + index * COLOUR_NUMBERS;
+	size_t count = tile_length(job->count * job->width, COLOUR_NUMBERS, index);
+
+	(void)worker;
+	for (size_t i = 0; i < count; i++)
+		y[i] = colour_of(y[i], job->run->model->rgb_fraction,
+				 job->run->config->rgb_sigmoid);
+}
+
+static void join_task(void *context, size_t index, uint32_t worker)
+{
+	const struct picture_job *job = context;
+	const struct dvsm_patch_plan *plan = job->plan;
+	size_t row_numbers = 3 * (size_t)plan->width;
+	uint32_t first = (uint32_t)(index * PICTURE_ROWS);
+	uint32_t end = first + (uint32_t)tile_length(plan->height, PICTURE_ROWS, index);
+
+	for (uint32_t y = first; y < end; y++) {
+		const int32_t *row = dvsm_fixed_join_row(plan, job->run->work.sums, y,
+							 dvsm_fixed_scratch(job->run, worker));
+		size_t at = y * row_numbers;
+
+		for (size_t i = 0; job->out->rgb && i < row_numbers; i++)
+			job->out->rgb[at + i] = (float)row[i] / (1 << DVSM_FIXED_COLOUR);
+		for (size_t i = 0; job->out->bytes && i < row_numbers; i++)
+			job->out->bytes[at + i] = dvsm_fixed_colour_byte(row[i]);
+	}
+}
+
+void dvsm_fixed_picture_write(const struct dvsm_fixed_run *run, const struct dvsm_patch_plan *plan,
+			      const int32_t *x, const struct dvsm_picture_out *out)
+{
+	struct picture_job job = {
+		.run = run,
+		.plan = plan,
+		.out = out,
+		.count = dvsm_token_grid_count(plan->grid),
+		.width = run->model->to_rgb.out,
+	};
+
+	dvsm_fixed_step_norm(run, x, job.count, &run->model->final_norm, true);
+	memset(run->work.sums, 0, job.count * job.width * sizeof(int32_t));
+	add_planes(run, job.count, &run->model->to_rgb);
+	dvsm_pool_run(run->pool, tiles(job.count * job.width, COLOUR_NUMBERS), colour_task, &job);
+	dvsm_pool_run(run->pool, tiles(plan->height, PICTURE_ROWS), join_task, &job);
+}

@@ -1,0 +1,23 @@
+/* Pictures to tokens and tokens to pictures in fixed point. Private to the engine. */
+#ifndef DVSM_FIXED_PICTURE_H
+#define DVSM_FIXED_PICTURE_H
+
+#include "fixed/run.h"
+#include "forward/picture.h"
+
+/** Fraction bits of a finished colour, 0..1 and beyond. */
+#define DVSM_FIXED_COLOUR 16
+
+/**
+ * Tokens of one view: x[tokens][D] = LN(W_ray rays [+ W_rgb (2 rgb - 1)]).
+ *
+ * rgb   [height][width][3], or NULL for a target
+ */
+void dvsm_fixed_picture_embed(const struct dvsm_fixed_run *run, const struct dvsm_ray_map *map,
+			      const struct dvsm_patch_plan *plan, const float *rgb, int32_t *x);
+
+/** Picture of one view from its tokens; floats are multiples of 2^-16, up to 128. */
+void dvsm_fixed_picture_write(const struct dvsm_fixed_run *run, const struct dvsm_patch_plan *plan,
+			      const int32_t *x, const struct dvsm_picture_out *out);
+
+#endif

@@ -1,0 +1,83 @@
+#include "fixed/stages.h"
+
+#include "base/error.h"
+#include "fixed/block.h"
+#include "fixed/picture.h"
+
+static void embed_views(const struct dvsm_fixed_run *run, const struct dvsm_scene *scene,
+			const struct dvsm_view *views)
+{
+	const struct dvsm_model_config *config = run->config;
+
+	for (uint32_t v = 0; v < scene->views; v++) {
+		const struct dvsm_camera *camera = &views[v].camera;
+		struct dvsm_ray_map map = dvsm_ray_map_prepare(camera, &scene->normalisation,
+							       config->patch_px, scene->patch_px);
+		struct dvsm_patch_plan plan = dvsm_patch_plan_make(
+			camera->width, camera->height, config->patch_px, scene->patch_px);
+
+		dvsm_fixed_picture_embed(run, &map, &plan, views[v].rgb,
+					 run->work.x + scene->first_token[v] * config->dim);
+	}
+}
+
+/*
+ * One block. Keys and values of all views wait in 16 bits until their range is known; then they are
+ * packed, and every view attends across. Behind the last block's nothing is needed any more.
+ */
+static void run_block(const struct dvsm_fixed_run *run, struct dvsm_scene *scene, uint32_t layer)
+{
+	const struct dvsm_fixed_half *half = &run->model->blocks[layer].cross;
+	const size_t dim = scene->dim;
+	struct dvsm_fixed_layer cache = dvsm_fixed_cache_layer(&scene->fixed, layer);
+
+	for (uint32_t v = 0; v < scene->views; v++) {
+		size_t first = scene->first_token[v], tokens = scene->first_token[v + 1] - first;
+		int16_t *kv = run->work.kv + first * 2 * dim;
+
+		dvsm_fixed_block_intra(run, layer, run->work.x + first * dim, tokens, kv);
+		dvsm_fixed_block_cross_keys(run, layer, run->work.x + first * dim, tokens, kv);
+	}
+	dvsm_fixed_step_pack(run, half, run->work.kv, &cache);
+	if (layer + 1 == scene->layers)
+		return;
+	for (uint32_t v = 0; v < scene->views; v++) {
+		size_t first = scene->first_token[v], tokens = scene->first_token[v + 1] - first;
+
+		dvsm_fixed_block_cross(run, layer, run->work.x + first * dim, tokens, &cache);
+	}
+}
+
+enum dvsm_status dvsm_fixed_reconstruct(const struct dvsm_fixed_run *run, struct dvsm_scene *scene,
+					const struct dvsm_view *views, dvsm_progress_fn *progress,
+					void *progress_context, struct dvsm_error *error)
+{
+	embed_views(run, scene, views);
+	for (uint32_t layer = 0; layer < scene->layers; layer++) {
+		run_block(run, scene, layer);
+		if (progress && !progress(progress_context, (layer + 1.0) / scene->layers))
+			return dvsm_fail(error, DVSM_CANCELLED,
+					 "reconstruction cancelled after block %u of %u", layer + 1,
+					 scene->layers);
+	}
+	return DVSM_OK;
+}
+
+void dvsm_fixed_render(const struct dvsm_fixed_run *run, const struct dvsm_scene *scene,
+		       const struct dvsm_camera *camera, const struct dvsm_patch_plan *plan,
+		       uint32_t patch_px, const struct dvsm_picture_out *out)
+{
+	const struct dvsm_model_config *config = run->config;
+	const size_t tokens = dvsm_token_grid_count(plan->grid);
+	struct dvsm_ray_map map =
+		dvsm_ray_map_prepare(camera, &scene->normalisation, config->patch_px, patch_px);
+
+	dvsm_fixed_picture_embed(run, &map, plan, NULL, run->work.x);
+	for (uint32_t layer = 0; layer < config->layers; layer++) {
+		struct dvsm_fixed_layer cache = dvsm_fixed_cache_layer(&scene->fixed, layer);
+
+		dvsm_fixed_block_intra(run, layer, run->work.x, tokens, run->work.kv);
+		dvsm_fixed_block_cross(run, layer, run->work.x, tokens, &cache);
+	}
+	dvsm_fixed_picture_write(run, plan, run->work.x, out);
+}

@@ -1,0 +1,21 @@
+/* Both stages of the fixed-point path, from checked arguments on. Private to the engine. */
+#ifndef DVSM_FIXED_STAGES_H
+#define DVSM_FIXED_STAGES_H
+
+#include "dvsm/engine.h"
+#include "fixed/cache.h"
+#include "fixed/run.h"
+#include "forward/picture.h"
+#include "scene/scene_internal.h"
+
+/** Fill scene->fixed; DVSM_CANCELLED when the caller's progress function asks to stop. */
+enum dvsm_status dvsm_fixed_reconstruct(const struct dvsm_fixed_run *run, struct dvsm_scene *scene,
+					const struct dvsm_view *views, dvsm_progress_fn *progress,
+					void *progress_context, struct dvsm_error *error);
+
+/** Render; floats are multiples of 2^-16, up to 128. */
+void dvsm_fixed_render(const struct dvsm_fixed_run *run, const struct dvsm_scene *scene,
+		       const struct dvsm_camera *camera, const struct dvsm_patch_plan *plan,
+		       uint32_t patch_px, const struct dvsm_picture_out *out);
+
+#endif

@@ -1,0 +1,78 @@
+#include "fixed/run.h"
+
+static size_t larger(size_t a, size_t b)
+{
+	return a > b ? a : b;
+}
+
+/* Attention's scratch, or the rows of a picture: wide as the largest map or picture. */
+static size_t scratch_bytes(const struct dvsm_model_config *config,
+			    const struct dvsm_job_size *size)
+{
+	size_t attention = dvsm_fixed_attention_scratch(
+		dvsm_fixed_pad(config->dim / config->heads, DVSM_FIXED_HEAD));
+
+	return dvsm_fixed_pad(larger(attention, 2 * size->scratch_bytes), 64);
+}
+
+/* The widest input of a product, padded: a token, its hidden numbers, its rays. */
+static size_t widest_input(const struct dvsm_model_config *config)
+{
+	size_t rays = 6 * (size_t)config->patch_px * config->patch_px;
+	size_t hidden = (size_t)config->dim * larger(1, config->mlp_ratio);
+
+	return dvsm_fixed_pad(larger(rays, hidden), DVSM_FIXED_DEPTH);
+}
+
+static void *take(struct dvsm_arena *arena, size_t rows, size_t width, size_t size)
+{
+	if (size && width > SIZE_MAX / size) {
+		arena->overflow = true;
+		return NULL;
+	}
+	return dvsm_arena_take(arena, rows, width * size);
+}
+
+static struct dvsm_fixed_layer place_layer(struct dvsm_arena *arena, size_t dim, size_t heads,
+					   size_t tokens)
+{
+	struct dvsm_fixed_layer layer = {
+		.tokens = tokens,
+		.padded = dvsm_fixed_pad(tokens, DVSM_FIXED_KEY_PAD),
+	};
+	size_t width = heads * dvsm_fixed_pad(dim / heads, DVSM_FIXED_HEAD);
+
+	layer.keys = take(arena, layer.padded, width, 1);
+	layer.values = take(arena, layer.padded, width, 1);
+	dvsm_fixed_layer_place(arena, dim, &layer);
+	return layer;
+}
+
+struct dvsm_fixed_workspace dvsm_fixed_workspace_place(struct dvsm_arena *arena,
+						       const struct dvsm_model_config *config,
+						       const struct dvsm_job_size *size)
+{
+	const size_t dim = config->dim, heads = config->heads, n = size->view_tokens;
+	const size_t area = (size_t)config->patch_px * config->patch_px;
+	const size_t head_width = dvsm_fixed_pad(dim / heads, DVSM_FIXED_HEAD);
+	struct dvsm_fixed_workspace w = {0};
+
+	w.x = take(arena, size->tokens, dim, sizeof(*w.x));
+	w.a = take(arena, n, widest_input(config), 1);
+	w.a_low = take(arena, n, widest_input(config), 1);
+	w.a_scale = take(arena, n, 1, sizeof(*w.a_scale));
+	w.wide = take(arena, n, dim * larger(1, config->mlp_ratio), sizeof(*w.wide));
+	w.mixed = take(arena, n, dim, sizeof(*w.mixed));
+	w.kv = take(arena, size->tokens, 2 * dim, sizeof(*w.kv));
+	w.q = take(arena, n, heads * head_width, 1);
+	w.q_scale = take(arena, n, heads, sizeof(*w.q_scale));
+	w.ranges = take(arena, 2, dim, sizeof(*w.ranges));
+	w.channels = take(arena, 2, dim, sizeof(*w.channels));
+	w.own = place_layer(arena, dim, heads, n);
+	dvsm_fixed_slots_place(arena, dim, heads, &w.slots);
+	w.patches = take(arena, n, 6 * area, sizeof(*w.patches));
+	w.sums = take(arena, n, larger(3 * area, dim), sizeof(*w.sums));
+	w.scratch_stride = scratch_bytes(config, size);
+	w.scratch = dvsm_arena_take(arena, size->threads, w.scratch_stride);
+	return w;
+}

@@ -1,0 +1,372 @@
+/*
+ * The fixed-point path: the bits that engine/FIXED_POINT.md promises to be the same everywhere are
+ * written down here. Weights, pictures and cameras are made without a library function that may
+ * round in its own way.
+ */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "dvsm/dvsm.h"
+#include "support/random.h"
+#include "support/random_model.h"
+
+enum { VIEWS = 3, SIDE = 80, NUMBERS = SIDE * SIDE * 3 };
+
+struct fixture {
+	struct dvsm_model *model;
+	struct dvsm_view views[VIEWS];
+	struct dvsm_camera target;
+	float pictures[VIEWS][NUMBERS];
+	struct dvsm_error error;
+};
+
+/* Three units from the origin, looking at it, turned about y by an angle of a whole triangle. */
+static struct dvsm_camera camera_at(double cosine, double sine)
+{
+	return (struct dvsm_camera){
+		.width = SIDE,
+		.height = SIDE,
+		.fx = 75,
+		.fy = 80,
+		.cx = 38.5,
+		.cy = 41,
+		.world_from_camera = {cosine, 0, sine, -3 * sine, 0, 1, 0, 0.25, -sine, 0, cosine,
+				      -3 * cosine, 0, 0, 0, 1},
+	};
+}
+
+static void make_fixture(struct fixture *f, const struct dvsm_model_config *config)
+{
+	static const double turns[VIEWS][2] = {{1, 0}, {0.8, 0.6}, {0.6, -0.8}};
+	struct support_random random = {20261123};
+
+	f->model = support_random_model(config, &random);
+	assert_non_null(f->model);
+	for (uint32_t v = 0; v < VIEWS; v++) {
+		for (size_t i = 0; i < NUMBERS; i++)
+			f->pictures[v][i] = 0.5f + 0.5f * support_random_unit(&random);
+		f->views[v].camera = camera_at(turns[v][0], turns[v][1]);
+		f->views[v].rgb = f->pictures[v];
+	}
+	f->target = camera_at(0.96, 0.28);
+}
+
+/* Heads that fill a tile, and more keys than one tile of attention holds: 300. */
+static const struct dvsm_model_config even = {
+	.dim = 128,
+	.heads = 2,
+	.layers = 2,
+	.patch_px = 8,
+	.mlp_ratio = 4,
+	.norm_eps = 1e-6,
+};
+
+/* Nothing fits a tile, pictures are resampled, and colours go through the sigmoid. */
+static const struct dvsm_model_config odd = {
+	.dim = 36,
+	.heads = 4,
+	.layers = 3,
+	.patch_px = 6,
+	.mlp_ratio = 3,
+	.norm_eps = 1e-5,
+	.rgb_sigmoid = true,
+};
+
+static int set_up(void **state)
+{
+	*state = calloc(1, sizeof(struct fixture));
+	assert_non_null(*state);
+	make_fixture(*state, &odd);
+	return 0;
+}
+
+static int tear_down(void **state)
+{
+	struct fixture *f = *state;
+
+	dvsm_model_close(f->model);
+	free(f);
+	return 0;
+}
+
+static struct dvsm_engine *make_engine(struct fixture *f, enum dvsm_precision precision,
+				       uint32_t threads, uint32_t cpu_mask)
+{
+	const struct dvsm_engine_options options = {
+		.threads = threads, .cpu_mask = cpu_mask, .precision = precision};
+	struct dvsm_engine *engine = NULL;
+
+	assert_int_equal(dvsm_engine_create(f->model, &options, &engine, &f->error), DVSM_OK);
+	return engine;
+}
+
+static struct dvsm_scene *make_scene(struct fixture *f, struct dvsm_engine *engine,
+				     uint32_t patch_px)
+{
+	struct dvsm_scene *scene = NULL;
+
+	assert_int_equal(dvsm_reconstruct(engine, f->views, VIEWS, patch_px, NULL, NULL, &scene,
+					  NULL, &f->error),
+			 DVSM_OK);
+	return scene;
+}
+
+/* Hashes of the cache and of one picture. */
+struct hashes {
+	char cache[65], picture[65];
+};
+
+static struct hashes hash_scene(struct fixture *f, struct dvsm_engine *engine,
+				const struct dvsm_scene *scene, uint32_t patch_px)
+{
+	static uint8_t picture[NUMBERS];
+	struct hashes hashes;
+
+	assert_int_equal(
+		dvsm_render_rgb8(engine, scene, &f->target, patch_px, picture, NULL, &f->error),
+		DVSM_OK);
+	dvsm_scene_hash_cache(scene, hashes.cache);
+	dvsm_hash_bytes(picture, sizeof(picture), hashes.picture);
+	return hashes;
+}
+
+static struct hashes hash_run(struct fixture *f, uint32_t threads, uint32_t cpu_mask,
+			      uint32_t patch_px)
+{
+	struct dvsm_engine *engine = make_engine(f, DVSM_PRECISION_FIXED, threads, cpu_mask);
+	struct dvsm_scene *scene = make_scene(f, engine, patch_px);
+	struct hashes hashes = hash_scene(f, engine, scene, patch_px);
+
+	dvsm_scene_destroy(scene);
+	dvsm_engine_destroy(engine);
+	return hashes;
+}
+
+static void expect_everywhere(const struct dvsm_model_config *config, uint32_t patch_px,
+			      const struct hashes *want)
+{
+	struct fixture *f = calloc(1, sizeof(*f));
+
+	assert_non_null(f);
+	make_fixture(f, config);
+	for (uint32_t cpu = 1; cpu != 0; cpu <<= 1) {
+		if (!(dvsm_cpu_detect() & cpu))
+			continue;
+
+		struct hashes got = hash_run(f, 1, cpu, patch_px);
+
+		printf("%-10s cache %.16s picture %.16s\n", dvsm_cpu_name(cpu), got.cache,
+		       got.picture);
+		assert_string_equal(got.cache, want->cache);
+		assert_string_equal(got.picture, want->picture);
+	}
+	dvsm_model_close(f->model);
+	free(f);
+}
+
+static void the_bits_are_those_written_down(void **state)
+{
+	static const struct hashes even_bits = {
+		"2b481952b95bd098dbfdf7c45515fa91695d14bbb6583a3c20695244264ed595",
+		"71627388c976d11626849859294b0205ab9233b4bd3ddfe1392343242990b39f",
+	};
+	static const struct hashes odd_bits = {
+		"da5d8750a3a185c70db6fbafa95a29997e9692d8adf6052033d16064264d14e1",
+		"25ce8061e55667cec4be54aaec82e13b07b1a2d789d53b30e8bbddda882e9167",
+	};
+
+	(void)state;
+	expect_everywhere(&even, 8, &even_bits);
+	expect_everywhere(&odd, 9, &odd_bits);
+}
+
+static void the_number_of_threads_changes_no_bit(void **state)
+{
+	struct hashes one = hash_run(*state, 1, 0, 7);
+
+	for (uint32_t threads = 2; threads <= 5; threads++) {
+		struct hashes many = hash_run(*state, threads, 0, 7);
+
+		assert_string_equal(many.cache, one.cache);
+		assert_string_equal(many.picture, one.picture);
+	}
+}
+
+static void bytes_are_the_floats_rounded(void **state)
+{
+	static float colours[NUMBERS];
+	static uint8_t bytes[NUMBERS];
+	static const enum dvsm_precision precisions[] = {DVSM_PRECISION_F32, DVSM_PRECISION_BF16,
+							 DVSM_PRECISION_FIXED};
+	struct fixture *f = *state;
+
+	for (int p = 0; p < 3; p++) {
+		struct dvsm_engine *engine = make_engine(f, precisions[p], 1, 0);
+		struct dvsm_scene *scene = make_scene(f, engine, 0);
+
+		assert_int_equal(
+			dvsm_render(engine, scene, &f->target, 0, colours, NULL, &f->error),
+			DVSM_OK);
+		assert_int_equal(
+			dvsm_render_rgb8(engine, scene, &f->target, 0, bytes, NULL, &f->error),
+			DVSM_OK);
+		for (size_t i = 0; i < NUMBERS; i++) {
+			double value = floor((double)colours[i] * 255 + 0.5);
+
+			assert_int_equal(bytes[i], value < 0 ? 0 : value > 255 ? 255 : (int)value);
+		}
+		dvsm_scene_destroy(scene);
+		dvsm_engine_destroy(engine);
+	}
+}
+
+static double psnr_db(const float *a, const float *b)
+{
+	double squares = 0;
+
+	for (size_t i = 0; i < NUMBERS; i++)
+		squares += ((double)a[i] - b[i]) * ((double)a[i] - b[i]) / NUMBERS;
+	return -10 * log10(squares);
+}
+
+/* Random weights amplify errors more than trained ones; still what is asked of those holds. */
+static void pictures_are_near_float32(void **state)
+{
+	static float want[NUMBERS], got[NUMBERS];
+	struct fixture *f = *state;
+
+	for (int p = 0; p < 2; p++) {
+		struct dvsm_engine *engine =
+			make_engine(f, p ? DVSM_PRECISION_FIXED : DVSM_PRECISION_F32, 1, 0);
+		struct dvsm_scene *scene = make_scene(f, engine, 0);
+
+		assert_int_equal(
+			dvsm_render(engine, scene, &f->target, 0, p ? got : want, NULL, &f->error),
+			DVSM_OK);
+		dvsm_scene_destroy(scene);
+		dvsm_engine_destroy(engine);
+	}
+	printf("fixed is %.1f dB from f32\n", psnr_db(want, got));
+	assert_true(psnr_db(want, got) > 42);
+}
+
+static void the_cache_takes_a_byte_a_number_and_is_planned(void **state)
+{
+	struct fixture *f = *state;
+	struct dvsm_engine *engine = make_engine(f, DVSM_PRECISION_FIXED, 1, 0);
+	struct dvsm_scene *scene = make_scene(f, engine, 0);
+	struct dvsm_memory planned;
+	struct dvsm_camera cameras[VIEWS];
+	uint64_t padded = (dvsm_scene_get_token_count(scene) + 63) / 64 * 64;
+
+	for (uint32_t v = 0; v < VIEWS; v++)
+		cameras[v] = f->views[v].camera;
+	assert_int_equal(dvsm_plan(engine, cameras, VIEWS, 0, NULL, 0, &planned, &f->error),
+			 DVSM_OK);
+	assert_int_equal(planned.cache_bytes, dvsm_scene_get_cache_bytes(scene));
+	/* Tokens are filled up to 64, heads of 9 to 16. */
+	assert_int_equal(planned.cache_bytes, odd.layers * 2 * padded * odd.heads * 16);
+	dvsm_scene_destroy(scene);
+	dvsm_engine_destroy(engine);
+}
+
+static void a_scene_of_another_precision_is_refused(void **state)
+{
+	static float picture[NUMBERS];
+	struct fixture *f = *state;
+	struct dvsm_engine *wide = make_engine(f, DVSM_PRECISION_F32, 1, 0);
+	struct dvsm_engine *fixed = make_engine(f, DVSM_PRECISION_FIXED, 1, 0);
+	struct dvsm_scene *scene = make_scene(f, fixed, 0), *other = make_scene(f, wide, 0);
+
+	picture[0] = 7;
+	assert_int_equal(dvsm_render(wide, scene, &f->target, 0, picture, NULL, &f->error),
+			 DVSM_MISMATCH);
+	assert_non_null(strstr(f->error.text, "fixed"));
+	assert_int_equal(dvsm_render(fixed, other, &f->target, 0, picture, NULL, &f->error),
+			 DVSM_MISMATCH);
+	assert_true(picture[0] == 7);
+	assert_int_equal(dvsm_scene_copy_cache(scene, 0, picture, picture), DVSM_UNSUPPORTED);
+	dvsm_scene_destroy(scene);
+	dvsm_scene_destroy(other);
+	dvsm_engine_destroy(wide);
+	dvsm_engine_destroy(fixed);
+}
+
+static void a_saved_scene_is_the_same_bits(void **state)
+{
+	struct fixture *f = *state;
+	struct dvsm_engine *engine = make_engine(f, DVSM_PRECISION_FIXED, 1, 0);
+	struct dvsm_scene *scene = make_scene(f, engine, 0), *read = NULL;
+	struct dvsm_scene_info info;
+	const char *folder = getenv("TMPDIR") ? getenv("TMPDIR") : "/tmp";
+	char path[512];
+
+	snprintf(path, sizeof(path), "%s/test_forward_fixed.XXXXXX", folder);
+
+	int file = mkstemp(path);
+
+	assert_true(file >= 0);
+	close(file);
+	assert_int_equal(dvsm_scene_save(scene, path, &f->error), DVSM_OK);
+	assert_int_equal(dvsm_scene_open(path, f->model, &read, &f->error), DVSM_OK);
+	assert_int_equal(dvsm_scene_probe(path, &info, &f->error), DVSM_OK);
+	unlink(path);
+	assert_int_equal(info.precision, DVSM_PRECISION_FIXED);
+	assert_int_equal(info.tokens, dvsm_scene_get_token_count(scene));
+
+	struct hashes before = hash_scene(f, engine, scene, 0);
+	struct hashes after = hash_scene(f, engine, read, 0);
+
+	assert_string_equal(before.cache, after.cache);
+	assert_string_equal(before.picture, after.picture);
+	dvsm_scene_destroy(scene);
+	dvsm_scene_destroy(read);
+	dvsm_engine_destroy(engine);
+}
+
+/* Far targets have moments that outgrow 14 bits by far; pictures of nothing have no gradient. */
+static void far_targets_and_empty_pictures_are_rendered(void **state)
+{
+	static uint8_t picture[NUMBERS];
+	struct fixture *f = *state;
+	struct dvsm_engine *engine = make_engine(f, DVSM_PRECISION_FIXED, 1, 0);
+
+	memset(f->pictures, 0, sizeof(f->pictures));
+
+	struct dvsm_scene *scene = make_scene(f, engine, 0);
+	struct dvsm_camera far = f->target;
+
+	for (double distance = 1; distance < 1e8; distance *= 1000) {
+		far.world_from_camera[3] = distance;
+		assert_int_equal(dvsm_render_rgb8(engine, scene, &far, 0, picture, NULL, &f->error),
+				 DVSM_OK);
+	}
+	dvsm_scene_destroy(scene);
+	dvsm_engine_destroy(engine);
+}
+
+int main(void)
+{
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(the_bits_are_those_written_down),
+		TEST(the_number_of_threads_changes_no_bit),
+		TEST(bytes_are_the_floats_rounded),
+		TEST(pictures_are_near_float32),
+		TEST(the_cache_takes_a_byte_a_number_and_is_planned),
+		TEST(a_scene_of_another_precision_is_refused),
+		TEST(a_saved_scene_is_the_same_bits),
+		TEST(far_targets_and_empty_pictures_are_rendered),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
