@@ -4,13 +4,17 @@
 #include <glob.h>
 #include <stdio.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "device.h"
 #include "dio/display.h"
 
-#define S_NS      1000000000
-#define PICTURES  120
+#define S_NS     1000000000
+#define PICTURES 120
+/* A machine that is emulated need not show them all. */
+#define ENOUGH    10
+#define ENOUGH_NS (4 * (uint64_t)S_NS)
 #define FIELD_MAX 512
 
 struct fixture {
@@ -70,14 +74,27 @@ static void expect_kind(struct fixture *fixture, enum dio_display_event_kind kin
 	assert_int_equal(fixture->event.kind, kind);
 }
 
+static uint64_t now_ns(void)
+{
+	struct timespec now;
+
+	clock_gettime(CLOCK_MONOTONIC, &now);
+	return (uint64_t)now.tv_sec * S_NS + (uint64_t)now.tv_nsec;
+}
+
+static bool is_enough(uint64_t pictures, uint64_t elapsed_ns)
+{
+	return pictures > ENOUGH && elapsed_ns > ENOUGH_NS;
+}
+
 static void pictures_flip_in_order_with_times_that_rise(void **state)
 {
 	struct fixture *fixture = *state;
-	uint64_t first_ns = 0, last_ns = 0;
+	uint64_t first_ns = 0, last_ns = 0, tag;
 	struct dio_display_counters counters;
 
 	assert_int_equal(fixture->info.state, DIO_DISPLAY_ON);
-	for (uint64_t tag = 1; tag <= PICTURES; tag++) {
+	for (tag = 1; tag <= PICTURES && !is_enough(tag, last_ns - first_ns); tag++) {
 		draw(&fixture->picture, tag);
 		assert_ok(
 			dio_display_show(fixture->display, &fixture->picture, tag, &fixture->error),
@@ -90,19 +107,20 @@ static void pictures_flip_in_order_with_times_that_rise(void **state)
 			first_ns = last_ns;
 	}
 	dio_display_get_counters(fixture->display, &counters);
-	assert_int_equal(counters.shown, PICTURES);
+	assert_int_equal(counters.shown, tag - 1);
 	assert_int_equal(counters.replaced, 0);
-	printf("%d flips, %.2f a second\n", PICTURES,
-	       (PICTURES - 1) * 1e9 / (double)(last_ns - first_ns));
+	printf("%lu flips, %.2f a second\n", (unsigned long)(tag - 1),
+	       (double)(tag - 2) * 1e9 / (double)(last_ns - first_ns));
 }
 
 static void pictures_faster_than_the_screen_are_replaced_never_waited_for(void **state)
 {
 	struct fixture *fixture = *state;
 	struct dio_display_counters counters;
-	uint64_t seen = 0, last = 0;
+	const uint64_t begin_ns = now_ns();
+	uint64_t seen = 0, last = 0, tag;
 
-	for (uint64_t tag = 1; tag <= PICTURES; tag++) {
+	for (tag = 1; tag <= PICTURES && !is_enough(tag, now_ns() - begin_ns); tag++) {
 		draw(&fixture->picture, tag);
 		assert_ok(
 			dio_display_show(fixture->display, &fixture->picture, tag, &fixture->error),
@@ -114,14 +132,14 @@ static void pictures_faster_than_the_screen_are_replaced_never_waited_for(void *
 			seen++;
 		}
 	}
-	while (last != PICTURES) {
+	while (last != tag - 1) {
 		expect_kind(fixture, DIO_DISPLAY_FLIPPED);
 		last = fixture->event.tag;
 		seen++;
 	}
 	dio_display_get_counters(fixture->display, &counters);
 	assert_int_equal(counters.shown, seen);
-	assert_int_equal(counters.shown + counters.replaced, PICTURES);
+	assert_int_equal(counters.shown + counters.replaced, tag - 1);
 	printf("%lu shown, %lu replaced\n", (unsigned long)counters.shown,
 	       (unsigned long)counters.replaced);
 }
