@@ -1,12 +1,12 @@
-/* Display, buttons and LEDs. Each may be missing, busy or go away: that is said once, and tried
- * again, while everything else goes on. */
+/* Display, buttons, LEDs and web page. Each may be missing, busy or go away: that is said once, and
+ * tried again, while everything else goes on. */
 #include <stdio.h>
 #include <string.h>
 
 #include "core/progress.h"
 #include "viewd/viewd.h"
 
-enum device { DISPLAY, BUTTONS, LEDS };
+enum device { DISPLAY, BUTTONS, LEDS, PAGE };
 
 /* Say what is wrong with a device, once until it works again. */
 static void complain(struct dio_viewd *viewd, enum device device, const struct dio_error *why)
@@ -181,6 +181,16 @@ static void open_leds(struct dio_viewd *viewd)
 	}
 }
 
+static void open_page(struct dio_viewd *viewd)
+{
+	struct dio_error why = {""};
+
+	if (dio_viewd_page_open(viewd, &why) != DIO_OK)
+		complain(viewd, PAGE, &why);
+	else
+		viewd->devices_warned[PAGE] = false;
+}
+
 void dio_viewd_open_devices(struct dio_viewd *viewd)
 {
 	uint64_t now_ns = dio_clock_ns();
@@ -195,6 +205,8 @@ void dio_viewd_open_devices(struct dio_viewd *viewd)
 		open_buttons(viewd);
 	if (!viewd->leds && viewd->profile->led_count > 0)
 		open_leds(viewd);
+	if (!viewd->page.web && viewd->profile->web.enabled)
+		open_page(viewd);
 }
 
 void dio_viewd_close_devices(struct dio_viewd *viewd)
@@ -202,6 +214,7 @@ void dio_viewd_close_devices(struct dio_viewd *viewd)
 	close_display(viewd);
 	close_buttons(viewd);
 	close_leds(viewd);
+	dio_viewd_page_close(viewd);
 }
 
 void dio_viewd_set_leds(struct dio_viewd *viewd)

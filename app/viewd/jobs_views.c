@@ -14,6 +14,7 @@
 struct begin_job {
 	struct dio_job job;
 	struct dio_camera_model camera;
+	char *folder; /* of the new set */
 };
 
 static void fail_store(struct dio_viewd *viewd, const struct dio_error *why)
@@ -30,14 +31,25 @@ static enum dio_status run_begin(struct dio_job *base, struct dio_error *error)
 	struct begin_job *job = (struct begin_job *)base;
 	struct dio_viewd *viewd = base->owner;
 
-	return dio_store_begin(viewd->store, &job->camera, error);
+	enum dio_status status = dio_store_begin(viewd->store, &job->camera, error);
+
+	if (status == DIO_OK)
+		job->folder = strdup(dio_store_get_folder(viewd->store));
+	return status;
 }
 
 static void done_begin(struct dio_job *base)
 {
-	if (base->status != DIO_OK)
-		fail_store(base->owner, &base->error);
-	free(base);
+	struct begin_job *job = (struct begin_job *)base;
+	struct dio_viewd *viewd = base->owner;
+
+	if (base->status != DIO_OK) {
+		fail_store(viewd, &base->error);
+	} else {
+		free(viewd->capture_folder);
+		viewd->capture_folder = job->folder;
+	}
+	free(job);
 }
 
 void dio_viewd_begin_views(struct dio_viewd *viewd)

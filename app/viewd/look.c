@@ -6,11 +6,14 @@
 #include <string.h>
 
 #include "core/path.h"
+#include "core/progress.h"
 #include "core/scene_file.h"
 #include "viewd/viewd.h"
 
-/* When there are views of the board enough for a fit, and how many more after one that failed. */
+/* When there are views of the board enough for a fit, and how many more after one that failed. A
+ * board that never comes into some corner is not waited for without end. */
 #define FIT_VIEWS    20u
+#define FIT_ANYWAY   40u
 #define FIT_MORE     6u
 #define FIT_COVERAGE 0.7
 
@@ -72,7 +75,8 @@ static void gather(struct dio_viewd *viewd)
 		dio_viewd_say(viewd, true, "%s", why.text);
 		return;
 	}
-	if (views->count >= viewd->fit_views_due && views->coverage >= FIT_COVERAGE) {
+	if (views->count >= viewd->fit_views_due &&
+	    (views->coverage >= FIT_COVERAGE || views->count >= FIT_ANYWAY)) {
 		viewd->fit_views_due = views->count + FIT_MORE;
 		dio_viewd_tell(viewd, DIO_VIEWD_GATHERED);
 	}
@@ -149,6 +153,6 @@ void dio_viewd_look(struct dio_viewd *viewd)
 		choose(viewd);
 	else if (viewd->machine.state == DIO_VIEWD_VIEW && tracked->pose_known)
 		dio_viewpoint_track(&viewd->viewpoint, &tracked->estimate.pose,
-				    tracked->timestamp_ns);
+				    tracked->timestamp_ns, dio_clock_ns());
 	dio_viewd_show_camera(viewd);
 }

@@ -16,10 +16,15 @@ static bool shows_scene(const struct dio_viewd *viewd)
 	       (viewd->machine.state == DIO_VIEWD_VIEW || viewd->machine.state == DIO_VIEWD_PLAY);
 }
 
+static bool has_display(const struct dio_viewd *viewd)
+{
+	return viewd->display && viewd->display_info.state == DIO_DISPLAY_ON;
+}
+
 /* Does anybody see what would be shown? */
 static bool is_watched(const struct dio_viewd *viewd)
 {
-	return viewd->display && viewd->display_info.state == DIO_DISPLAY_ON;
+	return has_display(viewd) || dio_viewd_page_is_watched(viewd);
 }
 
 static uint64_t frame_time_ns(const struct dio_viewd *viewd)
@@ -105,19 +110,23 @@ static void done_compose(struct dio_job *base)
 		compose(viewd);
 }
 
-/* Copy the picture to be shown; false: memory is short. */
-static bool set_source(struct dio_viewd_compose *job, const struct dio_picture *picture)
+const struct dio_picture *dio_viewd_get_shown(const struct dio_viewd *viewd)
 {
-	if (!picture->rgb) {
-		dio_picture_deinit(&job->source);
-		return true;
-	}
-	if (job->source.width != picture->width || job->source.height != picture->height) {
-		dio_picture_deinit(&job->source);
-		if (dio_picture_init(&job->source, picture->width, picture->height) != DIO_OK)
+	const struct dio_picture *shown = shows_scene(viewd) && viewd->shot.is_there
+						  ? &viewd->shot.picture
+						  : &viewd->tracked.picture;
+
+	return shown->rgb ? shown : NULL;
+}
+
+bool dio_viewd_copy_picture(const struct dio_picture *from, struct dio_picture *to)
+{
+	if (to->width != from->width || to->height != from->height) {
+		dio_picture_deinit(to);
+		if (dio_picture_init(to, from->width, from->height) != DIO_OK)
 			return false;
 	}
-	memcpy(job->source.rgb, picture->rgb, (size_t)picture->width * picture->height * 3);
+	memcpy(to->rgb, from->rgb, (size_t)from->width * from->height * 3);
 	return true;
 }
 
@@ -125,18 +134,22 @@ static bool set_source(struct dio_viewd_compose *job, const struct dio_picture *
 static void compose(struct dio_viewd *viewd)
 {
 	struct dio_viewd_compose *job = &viewd->compose;
-	bool scene = shows_scene(viewd) && viewd->shot.is_there;
+	const struct dio_picture *shown = dio_viewd_get_shown(viewd);
 
-	if (!is_watched(viewd))
+	viewd->page.stale = true;
+	if (!has_display(viewd))
 		return;
 	viewd->picture_waits = job->busy;
-	if (job->busy || !set_source(job, scene ? &viewd->shot.picture : &viewd->tracked.picture))
+	if (job->busy || (shown && !dio_viewd_copy_picture(shown, &job->source)))
 		return;
+	if (!shown)
+		dio_picture_deinit(&job->source);
 	job->width = viewd->display_info.width;
 	job->height = viewd->display_info.height;
 	job->smooth = viewd->profile->display.smooth;
 	job->with_overlay = viewd->profile->display.overlay;
-	job->taken_ns = scene ? viewd->shot.taken_ns : viewd->tracked.timestamp_ns;
+	job->taken_ns =
+		shown == &viewd->shot.picture ? viewd->shot.taken_ns : viewd->tracked.timestamp_ns;
 	if (job->with_overlay)
 		describe(viewd, &job->overlay);
 	job->busy = true;

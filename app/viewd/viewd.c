@@ -189,6 +189,7 @@ static int on_tick(sd_event_source *source, uint64_t now_us, void *context)
 	struct dio_viewd *viewd = context;
 
 	dio_viewd_open_devices(viewd);
+	dio_viewd_page_tick(viewd);
 	dio_viewd_show(viewd);
 	dio_viewd_refresh(viewd);
 	sd_event_source_set_time(source, now_us + TICK_US);
@@ -266,6 +267,8 @@ static enum dio_status open_store(struct dio_viewd *viewd, struct dio_error *err
 		return status;
 	if (*report.text)
 		dio_viewd_say(viewd, true, "%s", report.text);
+	if (dio_store_get_folder(viewd->store))
+		viewd->capture_folder = strdup(dio_store_get_folder(viewd->store));
 	viewd->views = dio_store_get_count(viewd->store);
 	viewd->due_at_start = dio_store_is_due(viewd->store);
 	camera = dio_store_get_camera(viewd->store);
@@ -350,5 +353,6 @@ void dio_viewd_close(struct dio_viewd *viewd)
 	dio_board_views_deinit(&viewd->gathered);
 	dio_tracked_deinit(&viewd->tracked);
 	dio_viewd_release_pictures(viewd);
+	free(viewd->capture_folder);
 	free(viewd->camera_file);
 }

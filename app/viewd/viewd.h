@@ -17,6 +17,7 @@
 #include "viewd/keyframe.h"
 #include "viewd/machine.h"
 #include "viewd/pace.h"
+#include "viewd/page.h"
 #include "viewd/screen.h"
 #include "viewd/status.h"
 #include "viewd/store.h"
@@ -82,10 +83,11 @@ struct dio_viewd {
 	struct dio_keyframes keyframes;
 	struct dio_trajectory walk; /* where the camera went while capturing */
 	uint32_t walk_count;
-	uint32_t views;    /* stored */
-	bool views_closed; /* see struct dio_viewd_facts */
-	bool take_now;     /* the next picture with a pose is kept whatever it is worth */
-	bool due_at_start; /* a reconstruction was under way when the last run ended */
+	char *capture_folder; /* where the store keeps them; NULL before there are any */
+	uint32_t views;       /* stored */
+	bool views_closed;    /* see struct dio_viewd_facts */
+	bool take_now;        /* the next picture with a pose is kept whatever it is worth */
+	bool due_at_start;    /* a reconstruction was under way when the last run ended */
 
 	/* The engine. */
 	struct dio_worker *engine, *files, *screen;
@@ -111,14 +113,15 @@ struct dio_viewd {
 	uint64_t next_tag, tags_taken_ns[DIO_VIEWD_TAGS];
 	struct dio_figures figures;
 
-	/* Buttons, LEDs, bus. */
+	/* Buttons, LEDs, bus, web page. */
 	struct dio_buttons *buttons;
 	sd_event_source *buttons_source;
 	struct dio_leds *leds;
 	sd_event_source *leds_source;
 	struct dio_bus *bus;
 	const char *bus_address;
-	bool devices_warned[3];
+	struct dio_viewd_page page;
+	bool devices_warned[4];
 	uint64_t devices_due_ns; /* look again for those that are missing */
 
 	struct dio_viewd_machine machine;
@@ -178,9 +181,14 @@ void dio_viewd_show_camera(struct dio_viewd *viewd);
 enum dio_status dio_viewd_turn(struct dio_viewd *viewd, double azimuth, double elevation,
 			       double notches, struct dio_error *error);
 enum dio_status dio_viewd_follow(struct dio_viewd *viewd, struct dio_error *error);
+/** The picture that the state shows, before scaling and overlay; NULL: none. Good until the loop
+ * goes on. */
+const struct dio_picture *dio_viewd_get_shown(const struct dio_viewd *viewd);
+/** Into a zero-initialised picture or one of an earlier call; false: memory is short. */
+bool dio_viewd_copy_picture(const struct dio_picture *from, struct dio_picture *to);
 void dio_viewd_release_pictures(struct dio_viewd *viewd);
 
-/* devices.c: display, buttons and LEDs, which come and go. */
+/* devices.c: display, buttons, LEDs and web page, which come and go. */
 
 /** Open what is not open; called again and again. */
 void dio_viewd_open_devices(struct dio_viewd *viewd);

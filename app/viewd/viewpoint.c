@@ -44,10 +44,11 @@ void dio_viewpoint_play(struct dio_viewpoint *viewpoint, bool play, uint64_t now
 }
 
 void dio_viewpoint_track(struct dio_viewpoint *viewpoint, const struct dio_pose *pose,
-			 uint64_t timestamp_ns)
+			 uint64_t taken_ns, uint64_t now_ns)
 {
 	viewpoint->tracked = *pose;
-	viewpoint->tracked_ns = timestamp_ns;
+	viewpoint->taken_ns = taken_ns;
+	viewpoint->tracked_ns = now_ns;
 }
 
 void dio_viewpoint_turn(struct dio_viewpoint *viewpoint, double azimuth, double elevation,
@@ -102,7 +103,7 @@ enum dio_viewpoint_source dio_viewpoint_get(struct dio_viewpoint *viewpoint, uin
 	}
 	if (!viewpoint->playing && is_tracked(viewpoint, now_ns)) {
 		*pose = viewpoint->tracked;
-		*taken_ns = viewpoint->tracked_ns;
+		*taken_ns = viewpoint->taken_ns;
 		viewpoint->began_ns = now_ns; /* an orbit begins when tracking is lost */
 		return DIO_VIEWPOINT_TRACKED;
 	}

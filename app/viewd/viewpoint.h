@@ -18,8 +18,8 @@ enum dio_viewpoint_source {
 /** "tracked", "orbit", "path", "hand". */
 const char *dio_viewpoint_source_name(enum dio_viewpoint_source source);
 
-/** A pose not seen again for so long is lost. */
-#define DIO_VIEWPOINT_LOST_NS 500000000u
+/** A camera not seen again for so long is lost. */
+#define DIO_VIEWPOINT_LOST_NS UINT64_C(1000000000)
 
 /** Zero-initialise; release with dio_viewpoint_deinit(). */
 struct dio_viewpoint {
@@ -27,7 +27,8 @@ struct dio_viewpoint {
 	struct dio_eye eye;
 	bool by_hand, playing;
 	struct dio_pose tracked;
-	uint64_t tracked_ns; /* timestamp of the picture that showed it; 0: never */
+	uint64_t taken_ns;   /* timestamp of the picture that showed it */
+	uint64_t tracked_ns; /* when that was known; 0: never */
 	uint64_t began_ns;   /* of orbit or path: their time 0 */
 };
 
@@ -42,9 +43,9 @@ void dio_viewpoint_set_path(struct dio_viewpoint *viewpoint, struct dio_trajecto
 /** Play the path from its start, or follow the camera again. */
 void dio_viewpoint_play(struct dio_viewpoint *viewpoint, bool play, uint64_t now_ns);
 
-/** The camera was seen here by a picture taken at `timestamp_ns`. */
+/** The camera was here when it took the picture of `taken_ns`. */
 void dio_viewpoint_track(struct dio_viewpoint *viewpoint, const struct dio_pose *pose,
-			 uint64_t timestamp_ns);
+			 uint64_t taken_ns, uint64_t now_ns);
 
 /** Turn by hand (radians, notches); from then on the hand has it until dio_viewpoint_follow(). */
 void dio_viewpoint_turn(struct dio_viewpoint *viewpoint, double azimuth, double elevation,

@@ -1,11 +1,14 @@
 #include "unit/viewd/daemons.h"
 
+#include <arpa/inet.h>
 #include <fcntl.h>
+#include <netinet/in.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -20,6 +23,7 @@
 
 static struct support_private_bus bus;
 static pid_t viewer, camera;
+static unsigned port; /* of the web page */
 
 /* Pictures of the simulated table, as files: a daemon then needs no time to trace rays. */
 static void render_pictures(const char *style, const char *rate, uint32_t count)
@@ -71,6 +75,20 @@ static void write_model(void)
 	free(bytes);
 }
 
+/* One that nobody has now. */
+static unsigned find_port(void)
+{
+	struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr = {htonl(INADDR_LOOPBACK)}};
+	socklen_t size = sizeof address;
+	int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+
+	assert_true(fd >= 0);
+	assert_int_equal(bind(fd, (struct sockaddr *)&address, size), 0);
+	assert_int_equal(getsockname(fd, (struct sockaddr *)&address, &size), 0);
+	close(fd);
+	return ntohs(address.sin_port);
+}
+
 void daemons_write_profile(uint32_t reserve_mib)
 {
 	char text[4096];
@@ -81,9 +99,10 @@ void daemons_write_profile(uint32_t reserve_mib)
 		 "[display]\noutput = none\nmode = 320x240\nframes_per_second = 30\n"
 		 "[engine]\nmodel = %s\nrender_width = 64\nrender_height = 48\nthreads = 1\n"
 		 "patch_recon = 8\npatch_render = 8\n"
-		 "[paths]\nstate = %s\nruntime = %s\n",
+		 "[paths]\nstate = %s\nruntime = %s\n"
+		 "[web]\nenabled = yes\nport = %u\n",
 		 fixture_path("walk"), BOARD, reserve_mib, fixture_path("tiny.safetensors"),
-		 fixture_path("state"), fixture_path("run"));
+		 fixture_path("state"), fixture_path("run"), port);
 	fixture_write("board.ini", text);
 }
 
@@ -95,6 +114,7 @@ int daemons_setup(void **state)
 	render_pictures("dance", "0.66667", DANCE_FRAMES);
 	render_pictures("walk", "1", WALK_FRAMES);
 	write_model();
+	port = find_port();
 	daemons_write_profile(1);
 	return 0;
 }
@@ -233,6 +253,19 @@ const char *daemons_get(const char *property)
 	at += strspn(at, " ");
 	snprintf(value, sizeof value, "%.*s", (int)strcspn(at, "\n"), at);
 	return value;
+}
+
+const char *daemons_get_page(void)
+{
+	static char url[128];
+	FILE *file = fopen(fixture_path("state/web-token"), "rb");
+	char token[64] = "";
+
+	assert_non_null(file);
+	assert_int_equal(fscanf(file, "%63s", token), 1);
+	fclose(file);
+	snprintf(url, sizeof url, "http://127.0.0.1:%u/#%s", port, token);
+	return url;
 }
 
 const char *daemons_read_log(void)

@@ -32,6 +32,9 @@ void daemons_expect_refusal(const char *word, const char *words);
 /** A property as text, good until the next call. */
 const char *daemons_get(const char *property);
 
+/** Where the web page is, with its token: "http://127.0.0.1:PORT/#TOKEN". */
+const char *daemons_get_page(void);
+
 /** What the display daemon printed so far. */
 const char *daemons_read_log(void);
 

@@ -144,6 +144,57 @@ static void play_turn_and_follow_change_where_it_is_seen_from(void **state)
 	fixture_expect_refusal(&run, 1, "radians");
 }
 
+/* Share of a picture's pixels whose channels differ by more than grey text and ground do. */
+static double share_of_colour(const char *path)
+{
+	struct dio_picture picture = {0};
+	struct dio_error error = {0};
+	size_t coloured = 0, pixels;
+
+	if (dio_picture_read(path, &picture, &error) != DIO_OK)
+		return 0;
+	pixels = (size_t)picture.width * picture.height;
+	for (size_t i = 0; i < pixels; i++) {
+		const uint8_t *rgb = picture.rgb + 3 * i;
+		int low = rgb[0] < rgb[1] ? rgb[0] : rgb[1],
+		    high = rgb[0] > rgb[1] ? rgb[0] : rgb[1];
+
+		low = rgb[2] < low ? rgb[2] : low;
+		high = rgb[2] > high ? rgb[2] : high;
+		coloured += high - low > 24;
+	}
+	dio_picture_deinit(&picture);
+	return (double)coloured / (double)pixels;
+}
+
+static void the_page_shows_the_scene_in_a_browser(void **state)
+{
+	struct fixture_run run;
+	char option[300], profile[300], wait[32];
+	double share = 0;
+
+	(void)state;
+	fixture_program(&run, "sh", "-c", "command -v chromium", NULL);
+	if (run.code != 0) {
+		printf("skipped: chromium is not installed\n");
+		skip();
+	}
+	snprintf(option, sizeof option, "--screenshot=%s", fixture_path("page.png"));
+	snprintf(profile, sizeof profile, "--user-data-dir=%s", fixture_path("chromium"));
+	/* A busy machine may need longer until the first picture is there. */
+	for (int timeout_ms = 5000; timeout_ms <= 40000 && share < 0.1; timeout_ms *= 2) {
+		snprintf(wait, sizeof wait, "--timeout=%d", timeout_ms);
+		fixture_program(&run, "timeout", "90", "chromium", "--headless", "--no-sandbox",
+				"--disable-gpu", "--window-size=1200,800", profile, wait, option,
+				daemons_get_page(), NULL);
+		share = share_of_colour(fixture_path("page.png"));
+	}
+	printf("page: %.0f %% of the screenshot is the scene\n", share * 100);
+	/* The render of random weights is a field of colours; everything else is grey but a button.
+	 */
+	assert_true(share > 0.1);
+}
+
 static void a_killed_viewer_opens_its_scene_again(void **state)
 {
 	(void)state;
@@ -223,6 +274,7 @@ int main(void)
 		cmocka_unit_test(views_are_chosen_and_a_scene_is_made),
 		cmocka_unit_test(the_tracked_view_is_what_render_renders),
 		cmocka_unit_test(play_turn_and_follow_change_where_it_is_seen_from),
+		cmocka_unit_test(the_page_shows_the_scene_in_a_browser),
 		cmocka_unit_test(a_killed_viewer_opens_its_scene_again),
 		cmocka_unit_test(a_reconstruction_is_taken_up_after_a_kill),
 		cmocka_unit_test(a_damaged_scene_is_made_again_from_its_views),

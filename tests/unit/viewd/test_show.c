@@ -118,15 +118,15 @@ static void viewpoint_is_tracked_then_orbits_then_is_tracked_again(void **state)
 			 DIO_VIEWPOINT_ORBIT);
 	assert_int_equal(taken, 0);
 	seen = poses[3];
-	dio_viewpoint_track(&viewpoint, &seen, 1100 * MS);
+	dio_viewpoint_track(&viewpoint, &seen, 1100 * MS, 1150 * MS);
 	assert_int_equal(dio_viewpoint_get(&viewpoint, 1200 * MS, &pose, &taken),
 			 DIO_VIEWPOINT_TRACKED);
 	assert_int_equal(taken, 1100 * MS);
 	assert_memory_equal(&pose, &seen, sizeof pose);
-	assert_int_equal(dio_viewpoint_get(&viewpoint, 1700 * MS, &pose, &taken),
+	assert_int_equal(dio_viewpoint_get(&viewpoint, 2150 * MS, &pose, &taken),
 			 DIO_VIEWPOINT_ORBIT);
-	dio_viewpoint_track(&viewpoint, &seen, 1800 * MS);
-	assert_int_equal(dio_viewpoint_get(&viewpoint, 1810 * MS, &pose, &taken),
+	dio_viewpoint_track(&viewpoint, &seen, 2200 * MS, 2205 * MS);
+	assert_int_equal(dio_viewpoint_get(&viewpoint, 2210 * MS, &pose, &taken),
 			 DIO_VIEWPOINT_TRACKED);
 	dio_viewpoint_deinit(&viewpoint);
 }
@@ -169,7 +169,7 @@ static void a_hand_holds_the_viewpoint_until_it_lets_go(void **state)
 	(void)state;
 	make_rig(poses);
 	assert_int_equal(dio_viewpoint_set_scene(&viewpoint, poses, 8, &error), DIO_OK);
-	dio_viewpoint_track(&viewpoint, &poses[0], 1000 * MS);
+	dio_viewpoint_track(&viewpoint, &poses[0], 1000 * MS, 1000 * MS);
 	dio_viewpoint_turn(&viewpoint, 0, 0, 0);
 	assert_int_equal(dio_viewpoint_get(&viewpoint, 1001 * MS, &pose, &taken),
 			 DIO_VIEWPOINT_HAND);
