@@ -267,6 +267,9 @@ static enum dio_status kms_show(struct dio_display *base, const struct dio_pictu
 	dio_fit_draw(&kms->fit, picture, slot->buffer.pixels, slot->buffer.pitch_bytes);
 	slot->tag = tag;
 	status = flip(kms, error);
+	/* A change found out here must wake who waits for events; a flip in flight will. */
+	if (base->event_count && kms->queued == NO_SLOT)
+		arm(kms, 1);
 	return status == DIO_OK && base->info.state != DIO_DISPLAY_ON ? DIO_NO_SIGNAL : status;
 }
 

@@ -280,6 +280,9 @@ static void screen_taken_by_another_program_is_away_until_it_can_be_reclaimed(vo
 	fixture->fake.flip_errno = EACCES;
 	fixture->fake.reclaim_errno = EBUSY;
 	assert_int_equal(show(fixture, 1), DIO_NO_SIGNAL);
+	/* Who waits on the descriptor hears of it. */
+	struct pollfd waiting = {.fd = dio_display_get_fd(fixture->display), .events = POLLIN};
+	assert_int_equal(poll(&waiting, 1, 500), 1);
 	expect_state(fixture, DIO_DISPLAY_AWAY);
 	assert_int_equal(poll_event(fixture, 3 * (int64_t)S_NS / 2), DIO_AGAIN);
 	fixture->fake.flip_errno = fixture->fake.reclaim_errno = 0;
