@@ -130,6 +130,7 @@ static const struct dvsm_kernels *const bf16_tiers[] = {
 	&dvsm_kernels_bf16_amx,    &dvsm_kernels_bf16_avx512bf16, &dvsm_kernels_bf16_avx512,
 	&dvsm_kernels_bf16_avx2,   &dvsm_kernels_bf16_sse2,
 #elif defined(__aarch64__)
+	&dvsm_kernels_bf16_neonbf16,
 	&dvsm_kernels_bf16_neon,
 #endif
 	&dvsm_kernels_bf16_scalar,

@@ -20,6 +20,7 @@ static inline size_t bf16_tiers(const struct dvsm_kernels *tiers[BF16_TIERS])
 		&dvsm_kernels_bf16_amx,
 #elif defined(__aarch64__)
 		&dvsm_kernels_bf16_neon,
+		&dvsm_kernels_bf16_neonbf16,
 #endif
 	};
 	uint32_t present = dvsm_cpu_detect();
