@@ -114,7 +114,8 @@ class Loader:
             try:
                 batch = draw(self.generator, steps[0])
                 if self.pin:
-                    batch = tuple(tensor.pin_memory() for tensor in batch)
+                    batch = tuple(tensor if tensor.is_cuda else tensor.pin_memory()
+                                  for tensor in batch)
             except Exception as fault:  # the trainer shows it; it would wait for ever otherwise
                 batch = fault
             with self.order:

@@ -326,7 +326,7 @@ def main():
         dvsm.compile_blocks()
     place = Place()
     run = Run(args, recipe, place)
-    loop(args, recipe, place, run, source.open_library(args.library, args.photos))
+    loop(args, recipe, place, run, source.open_library(args.library, args.photos, place.device))
     if place.ranks > 1:
         dist.destroy_process_group()
     return 0

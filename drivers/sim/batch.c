@@ -1,176 +1,47 @@
 #include "dio/sim_batch.h"
 
 #include <stdlib.h>
-#include <string.h>
 
-#include "rig.h"
 #include "sensor.h"
+#include "shoot.h"
 
-enum { SAMPLES = 2, MAX_VIEWS = 256 };
-
-static enum dio_sim_kind draw_kind(struct rng *r, uint32_t options)
+/* View v as floats or bytes, whichever is not NULL. */
+static bool render_view(const struct sim_shoot *s, uint32_t v, uint8_t *bytes, float *floats)
 {
-	static const struct {
-		uint32_t option;
-		enum dio_sim_kind kind;
-		float share;
-	} kinds[] = {
-		{DIO_SIM_BATCH_TABLES, DIO_SIM_TABLE, 0.45f},
-		{DIO_SIM_BATCH_TURNTABLES, DIO_SIM_TURNTABLE, 0.25f},
-		{DIO_SIM_BATCH_ROOMS, DIO_SIM_ROOM, 0.15f},
-		{DIO_SIM_BATCH_STREETS, DIO_SIM_STREET, 0.15f},
-	};
-	const uint32_t all = DIO_SIM_BATCH_TABLES | DIO_SIM_BATCH_TURNTABLES | DIO_SIM_BATCH_ROOMS |
-			     DIO_SIM_BATCH_STREETS;
-	uint32_t wanted = options & all ? options & all : all, last = 0;
-	float total = 0, left;
+	const struct dio_sim_camera *camera = &s->camera[v];
+	const struct dio_sim_sensor *sensor = &s->sensor[v];
 
-	for (uint32_t i = 0; i < 4; i++)
-		total += wanted & kinds[i].option ? kinds[i].share : 0;
-	left = total * rng_unit(r);
-	for (uint32_t i = 0; i < 4; i++) {
-		if (!(wanted & kinds[i].option))
-			continue;
-		last = i;
-		left -= kinds[i].share;
-		if (left < 0)
-			break;
-	}
-	return kinds[last].kind;
-}
-
-static struct dio_sim_scene *draw_scene(struct rng *r, uint64_t seed, uint32_t options)
-{
-	struct dio_sim_scene_options o;
-
-	memset(&o, 0, sizeof(o));
-	o.seed = seed;
-	o.kind = draw_kind(r, options);
-	if (o.kind == DIO_SIM_TABLE && rng_chance(r, 0.1f)) {
-		o.board.cols = 5 + rng_below(r, 8);
-		o.board.rows = 4 + rng_below(r, 6);
-		o.board.square_m = rng_in(r, 0.02f, 0.035f);
-		o.board.marker_m = 0.6 * o.board.square_m;
-		o.clear_board = rng_chance(r, 0.4f);
-	}
-	return dio_sim_scene_create(&o);
-}
-
-/* What stays the same over a capture, and how much the camera's automatics change meanwhile. */
-struct capture {
-	struct dio_sim_sensor sensor;
-	float exposure_drift, balance_drift;
-	float blur_share; /* of the pictures that a moving hand blurs */
-};
-
-static struct capture draw_capture(struct rng *r)
-{
-	struct capture capture;
-	struct dio_sim_sensor s;
-
-	memset(&s, 0, sizeof(s));
-	s.exposure_stops = rng_in(r, -0.5f, 0.35f);
-	for (int c = 0; c < 3; c++)
-		s.white_balance[c] = rng_chance(r, 0.5f) ? rng_in(r, 0.9f, 1.1f) : 1;
-	if (rng_chance(r, 0.35f)) {
-		s.noise = rng_in(r, 0, 0.012f);
-		s.shot_noise = rng_in(r, 0, 0.02f);
-	}
-	if (rng_chance(r, 0.3f))
-		s.blur_px = rng_in(r, 0.3f, 0.9f);
-	if (rng_chance(r, 0.25f))
-		s.vignetting = rng_in(r, 0, 0.35f);
-	if (rng_chance(r, 0.3f))
-		s.jpeg_quality = rng_in(r, 55, 95);
-	capture.sensor = s;
-	capture.exposure_drift = rng_chance(r, 0.25f) ? rng_in(r, 0.03f, 0.2f) : 0;
-	capture.balance_drift = rng_chance(r, 0.15f) ? rng_in(r, 0.01f, 0.04f) : 0;
-	capture.blur_share = rng_chance(r, 0.15f) ? 0.25f : 0;
-	return capture;
-}
-
-/* The sensor of one picture. */
-static struct dio_sim_sensor draw_sensor(const struct capture *c, struct rng *r, uint32_t view)
-{
-	struct dio_sim_sensor s = c->sensor;
-
-	s.noise_seed = ((uint64_t)rng_u32(r) << 32) + view;
-	s.exposure_stops += c->exposure_drift * rng_in(r, -1, 1);
-	s.white_balance[0] *= 1 + c->balance_drift * rng_in(r, -1, 1);
-	s.white_balance[2] *= 1 + c->balance_drift * rng_in(r, -1, 1);
-	if (rng_chance(r, c->blur_share))
-		s.blur_px += rng_in(r, 0.3f, 0.8f);
-	return s;
-}
-
-static bool render_scene(uint64_t seed, uint32_t views, uint32_t width, uint32_t height,
-			 uint32_t options, uint8_t *bytes, float *floats, float *poses,
-			 float *intrinsics)
-{
-	struct rng r = rng_seeded(seed ^ 0x5ca1ab1e5eedull);
-	struct dio_sim_scene *scene = draw_scene(&r, seed, options);
-	size_t values = (size_t)width * height * 3;
-	bool clean = options & DIO_SIM_BATCH_CLEAN, ok = true;
-	struct capture capture = draw_capture(&r);
-	uint32_t order[MAX_VIEWS];
-	struct rig rig;
-
-	if (!scene)
+	if (bytes)
+		return dio_sim_render(s->scene, camera, sensor, SIM_SHOOT_SAMPLES, bytes);
+	if (!dio_sim_render_float(s->scene, camera, sensor, SIM_SHOOT_SAMPLES, floats))
 		return false;
-	rig = sim_rig_draw(scene, &r, width, height);
-	for (uint32_t v = 0; v < views; v++) { /* shuffled places along the path */
-		uint32_t k = rng_below(&r, v + 1);
-
-		order[v] = order[k];
-		order[k] = v;
-	}
-	for (uint32_t v = 0; v < views && ok; v++) {
-		float along = ((float)order[v] + rng_unit(&r)) / (float)views;
-		struct dio_sim_sensor mine;
-		struct dio_sim_camera camera;
-
-		sim_rig_camera(scene, &rig, &r, along, width, height, &camera);
-		mine = draw_sensor(&capture, &r, v);
-		if (clean)
-			memset(&mine, 0, sizeof(mine));
-		if (floats) {
-			float *out = floats + v * values;
-
-			ok = dio_sim_render_float(scene, &camera, &mine, SAMPLES, out);
-			if (ok) {
-				sim_sensor_add_noise(&mine, values, out);
-				sim_sensor_compress(&mine, &camera, out);
-			}
-		} else {
-			ok = dio_sim_render(scene, &camera, &mine, SAMPLES, bytes + v * values);
-		}
-		for (int i = 0; i < 16; i++)
-			poses[16 * (size_t)v + (size_t)i] = (float)camera.world_from_camera[i];
-		intrinsics[4 * (size_t)v] = (float)camera.fx;
-		intrinsics[4 * (size_t)v + 1] = (float)camera.fy;
-		intrinsics[4 * (size_t)v + 2] = (float)camera.cx;
-		intrinsics[4 * (size_t)v + 3] = (float)camera.cy;
-	}
-	dio_sim_scene_destroy(scene);
-	return ok;
+	sim_sensor_add_noise(sensor, (size_t)camera->width * camera->height * 3, floats);
+	sim_sensor_compress(sensor, camera, floats);
+	return true;
 }
 
 int dio_sim_batch(uint64_t seed, uint32_t scenes, uint32_t views, uint32_t width, uint32_t height,
 		  uint32_t options, void *rgb, float *poses, float *intrinsics)
 {
-	size_t values = (size_t)views * width * height * 3;
+	bool floats = options & DIO_SIM_BATCH_FLOAT, ok = true;
+	size_t values = (size_t)width * height * 3, picture = 0;
+	struct sim_shoot *shoot;
 
-	if (!views || !width || !height || views > MAX_VIEWS)
+	if (!views || !width || !height || views > SIM_SHOOT_VIEWS)
 		return -1;
-	for (uint32_t i = 0; i < scenes; i++) {
-		bool floats = options & DIO_SIM_BATCH_FLOAT;
-
-		if (!render_scene(seed + i, views, width, height, options,
-				  floats ? NULL : (uint8_t *)rgb + i * values,
-				  floats ? (float *)rgb + i * values : NULL,
-				  poses + 16 * (size_t)i * views,
-				  intrinsics + 4 * (size_t)i * views))
-			return -1;
+	shoot = malloc(sizeof(*shoot));
+	if (!shoot)
+		return -1;
+	for (uint32_t i = 0; i < scenes && ok; i++) {
+		ok = sim_shoot_init(shoot, seed + i, views, width, height, options);
+		for (uint32_t v = 0; v < views && ok; v++, picture++) {
+			sim_shoot_camera(shoot, v, poses + 16 * picture, intrinsics + 4 * picture);
+			ok = render_view(shoot, v,
+					 floats ? NULL : (uint8_t *)rgb + picture * values,
+					 floats ? (float *)rgb + picture * values : NULL);
+		}
+		sim_shoot_deinit(shoot);
 	}
-	return 0;
+	free(shoot);
+	return ok ? 0 : -1;
 }

@@ -4,6 +4,8 @@
 
 #include "vec.h"
 
+enum { SIM_JPEG_SQUARE = 16 };
+
 /* Tables of ITU T.81 annex K, for brightness and colour. */
 DIO_SIM_CONST uint8_t sim_jpeg_steps[2][64] = {
 	{16, 11, 10, 16, 24,  40,  51,  61,  12, 12, 14, 19, 26,  58,  60,  55,

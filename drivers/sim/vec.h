@@ -9,11 +9,15 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/* nvcc reads the source once for the CPU and once for the GPU. */
 #ifdef __CUDACC__
-#define DIO_SIM_FN    __host__ __device__ static inline
+#define DIO_SIM_FN __host__ __device__ static inline
+#else
+#define DIO_SIM_FN static inline
+#endif
+#ifdef __CUDA_ARCH__
 #define DIO_SIM_CONST static __device__ const
 #else
-#define DIO_SIM_FN    static inline
 #define DIO_SIM_CONST static const
 #endif
 

@@ -24,6 +24,7 @@ if torch:
     import model as dvsm
     import optim
     import safetensors_io
+    import source
     import train
 
 TINY = {"dim": 32, "heads": 2, "layers": 2, "patch": 4}
@@ -237,6 +238,16 @@ class Trainer(unittest.TestCase):
             self.assertEqual(torch.equal(a, b), alone)
         lone = keys(nets[ablate.LoneViews], pictures[:, :3])[0][0]
         self.assertLess((lone - keys(nets[dvsm.Dvsm], pictures[:, :3])[0][0]).abs().max(), 1e-5)
+
+    def test_a_gpu_draws_the_pictures_of_the_cpu(self):
+        if not torch.cuda.is_available() or not os.path.exists(source.CUDA_LIBRARY):
+            self.skipTest("no GPU, or libdio_sim_cuda.so was not built (-DDIO_CUDA=ON)")
+        cpu = source.open_library(source.DEFAULT_LIBRARY).batch(900, 16, 4, (72, 40))
+        gpu = source.open_library(device=torch.device("cuda", 0)).batch(900, 16, 4, (72, 40))
+        for i in (1, 2):
+            self.assertTrue(torch.equal(cpu[i], gpu[i]))
+        apart = (cpu[0].int() - gpu[0].cpu().int()).abs()
+        self.assertLess((apart > 0).float().mean().item(), 1e-3)
 
     def test_golden_cases_agree(self):
         shared = os.environ.get("DIO_SHARED_DIR")
