@@ -128,9 +128,12 @@ struct prim *sim_add_turned(struct builder *b, enum shape shape, struct v3 centr
 	p->rot = compose(&b->turn, &turn);
 	p->material = *material;
 	p->reach = reach_of(p);
+	p->round = shape == SHAPE_PEBBLE || shape == SHAPE_ROCK;
 	p->bound = bound_of(p);
 	world_box(p, &lo, &hi);
-	p->top = hi.z;
+	b->scene->bound[b->scene->prim_count - 1].centre = p->centre;
+	b->scene->bound[b->scene->prim_count - 1].radius = p->bound;
+	b->scene->bound[b->scene->prim_count - 1].top = hi.z;
 	if (material->clear > 0)
 		set_bit(b->scene->clear, b->scene->prim_count - 1);
 	return p;

@@ -8,10 +8,12 @@ DIO_SIM_FN float value_noise(struct v3 p, uint32_t seed)
 {
 	int32_t x = floor_int(p.x), y = floor_int(p.y), z = floor_int(p.z);
 	float fx = p.x - (float)x, fy = p.y - (float)y, fz = p.z - (float)z;
-	/* Lighter than hash_cell(), called for eight corners; its upper bits are mixed enough. */
-	uint32_t hx[2] = {(uint32_t)x * 0x9e3779b1u, (uint32_t)x * 0x9e3779b1u + 0x9e3779b1u};
-	uint32_t hy[2] = {(uint32_t)y * 0x85ebca77u, (uint32_t)y * 0x85ebca77u + 0x85ebca77u};
-	uint32_t hz[2] = {(uint32_t)z * 0xc2b2ae3du, (uint32_t)z * 0xc2b2ae3du + 0xc2b2ae3du};
+	/* The eight corners: steps of the cell's number along each axis, times a factor of its own.
+	 * Lighter than hash_cell(); the upper bits are mixed enough. */
+	const uint32_t nx = 0x9e3779b1u, ny = 0x85ebca77u, nz = 0xc2b2ae3du;
+	const uint32_t sx[8] = {0, nx, 0, nx, 0, nx, 0, nx}, sy[8] = {0, 0, ny, ny, 0, 0, ny, ny};
+	const uint32_t sz[8] = {0, 0, 0, 0, nz, nz, nz, nz};
+	uint32_t hx = (uint32_t)x * nx, hy = (uint32_t)y * ny, hz = (uint32_t)z * nz;
 	float v[8];
 
 	seed *= 0x27d4eb2fu;
@@ -19,7 +21,7 @@ DIO_SIM_FN float value_noise(struct v3 p, uint32_t seed)
 	fy = fy * fy * (3 - 2 * fy);
 	fz = fz * fz * (3 - 2 * fz);
 	for (int i = 0; i < 8; i++) {
-		uint32_t h = hx[i & 1] ^ hy[i >> 1 & 1] ^ hz[i >> 2] ^ seed;
+		uint32_t h = (hx + sx[i]) ^ (hy + sy[i]) ^ (hz + sz[i]) ^ seed;
 
 		v[i] = unit_from((h ^ h >> 15) * 0x2c1b3c6du);
 	}

@@ -138,31 +138,33 @@ enum {
 	REFINE_PRINT = 4,   /* the same surface in the same light changes: its texture */
 };
 
-/* A step that the eye or a corner detector would notice. */
-DIO_SIM_FN bool differs(const float *a, const float *b)
+/* A step in one channel that the eye or a corner detector would notice. */
+DIO_SIM_FN bool values_differ(float a, float b)
 {
-	float most = -1;
+	float u = minf(a, 1), v = minf(b, 1);
 
-	for (int c = 0; c < 3; c++) {
-		float u = minf(a[c], 1), v = minf(b[c], 1);
-
-		most = maxf(most, absf(u - v) - (0.03f + 0.12f * maxf(u, v)));
-	}
-	return most > 0;
+	return absf(u - v) > 0.03f + 0.12f * maxf(u, v);
 }
 
 /* Of two neighbours: REFINE_ bits. Those at a corner are asked about outlines only: other steps
  * between them show beside one of the two as well. */
-DIO_SIM_FN uint8_t step_between(const struct picture *p, size_t i, size_t j, bool corner)
+DIO_SIM_FN uint8_t step_between(const struct picture *p, size_t i, size_t j, bool differ)
 {
 	uint8_t lamps = p->response[i].lamps;
 
 	if (p->surface[i] != p->surface[j])
 		return REFINE_OUTLINE;
-	if (corner || !differs(p->rgb + 3 * i, p->rgb + 3 * j))
+	if (!differ)
 		return 0;
 	return lamps == p->response[j].lamps && lamps != SIM_LAMPS_UNTOLD ? REFINE_PRINT
 									  : REFINE_LIGHT;
+}
+
+DIO_SIM_FN bool pixels_differ(const struct picture *p, size_t i, size_t j)
+{
+	const float *a = p->rgb + 3 * i, *b = p->rgb + 3 * j;
+
+	return values_differ(a[0], b[0]) || values_differ(a[1], b[1]) || values_differ(a[2], b[2]);
 }
 
 /* REFINE_ bits of a pixel, from its eight neighbours. */
@@ -174,9 +176,10 @@ DIO_SIM_FN uint8_t pixel_steps(const struct picture *p, uint32_t x, uint32_t y)
 
 	for (uint32_t k = 0; k < 9; k++) {
 		uint32_t u = x + k % 3 - 1, v = y + k / 3 - 1; /* wraps below 0, past the sides */
+		size_t j = (size_t)v * w + u;
 
 		if (k != 4 && u < w && v < h)
-			why |= step_between(p, i, (size_t)v * w + u, k % 2 == 0);
+			why |= step_between(p, i, j, k % 2 && pixels_differ(p, i, j));
 	}
 	return why;
 }
@@ -264,7 +267,9 @@ DIO_SIM_FN void pixel_refine(const struct picture *p, const struct tile *t, uint
 {
 	struct lens_point q = lens_at(p->camera, x, y);
 	size_t i = (size_t)y * p->camera->width + x;
-	uint32_t n = p->samples;
+	uint32_t n = p->samples, taken = 0;
+	/* Textures are filtered already: every second place will do. */
+	bool half = p->refine[i] == REFINE_PRINT;
 	struct v3 sum = v3(0, 0, 0);
 	struct around around;
 
@@ -273,12 +278,17 @@ DIO_SIM_FN void pixel_refine(const struct picture *p, const struct tile *t, uint
 	around.known[0] = true;
 	for (uint32_t k = 0; k < n * n; k++) {
 		double du = (k % n + 0.5) / n - 0.5, dv = (k / n + 0.5) / n - 0.5;
-		struct ray r = lens_ray(p->camera, q.x + q.dx_du * du + q.dx_dv * dv,
-					q.y + q.dy_du * du + q.dy_dv * dv);
+		struct ray r;
+
+		if (half && (k % n + k / n) % 2)
+			continue;
+		taken++;
+		r = lens_ray(p->camera, q.x + q.dx_du * du + q.dx_dv * dv,
+			     q.y + q.dy_du * du + q.dy_dv * dv);
 
 		sum = v3_add(sum, sample_light(p, t, &r, k, p->refine[i], &around));
 	}
-	store(p->rgb + 3 * i, v3_scale(sum, 1 / (float)(n * n)));
+	store(p->rgb + 3 * i, v3_scale(sum, 1 / (float)taken));
 }
 
 #endif

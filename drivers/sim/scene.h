@@ -92,9 +92,15 @@ struct prim {
 	float caution;   /* bound on how fast the field of dents and hills changes, inverted */
 	float bound;     /* radius of the bounding sphere about `centre` */
 	struct v3 reach; /* half sides of the bounding box in its own frame */
-	float top;       /* highest z in the world */
+	bool round;      /* it lies within the ellipsoid of that reach */
 	struct rotation rot;
 	struct material material;
+};
+
+/* What rules a primitive out, apart from the rest of it: many are looked at, few are met. */
+struct bound {
+	struct v3 centre;
+	float radius, top;
 };
 
 /* Neighbouring primitives with one bounding sphere. */
@@ -138,6 +144,7 @@ struct dio_sim_scene {
 
 	uint32_t prim_count, thing_count;
 	struct prim prim[SIM_MAX_PRIMS];
+	struct bound bound[SIM_MAX_PRIMS];
 	uint64_t clear[SIM_SET_WORDS]; /* bits of those that let light through */
 	struct thing thing[SIM_MAX_THINGS];
 

@@ -70,7 +70,7 @@ DIO_SIM_FN struct finish surface_finish(const struct dio_sim_scene *s, const str
  * that take one accept NULL for a point that lies anywhere. */
 struct neighbourhood {
 	struct v3 lo, hi;                     /* the region */
-	uint64_t ambient;                     /* things near enough to keep ambient light off */
+	bool ambient;                         /* may anything keep ambient light off? */
 	struct prim_set lamp[SIM_MAX_LIGHTS]; /* what may stand before each lamp */
 };
 
@@ -86,13 +86,13 @@ DIO_SIM_FN struct neighbourhood neighbourhood_of(const struct dio_sim_scene *s, 
 
 	n.lo = lo;
 	n.hi = hi;
-	n.ambient = 0;
+	n.ambient = false;
 	for (uint32_t i = 0; i < s->thing_count; i++) {
 		float x = s->mid_x[i] - mid.x, y = s->mid_y[i] - mid.y, z = s->mid_z[i] - mid.z;
 		float apart = maxf(sqrtf(x * x + y * y + z * z) - breadth, 0);
 
 		if (s->occluder2[i] > SIM_FAINT_SHADE * apart * apart && s->occluder2[i] > 0)
-			n.ambient |= 1ull << i;
+			n.ambient = true;
 	}
 	for (uint32_t i = 0; i < s->light_count; i++) {
 		const struct light *l = &s->light[i];
@@ -122,22 +122,19 @@ DIO_SIM_FN bool neighbourhood_holds(const struct neighbourhood *n, struct v3 p)
 
 /* Share of the sky that the things around leave open: each counts as a ball (Quilez, "sphere
  * ambient occlusion": cosine times the ball's share of the hemisphere). */
-DIO_SIM_FN float ambient_open(const struct dio_sim_scene *s, struct v3 p, struct v3 n,
-			      uint64_t mask)
+DIO_SIM_FN float ambient_open(const struct dio_sim_scene *s, struct v3 p, struct v3 n)
 {
-	float open = 1;
+	float open = 1, left[SIM_MAX_THINGS];
 
-	for (; mask; mask &= mask - 1) {
-		uint32_t i = lowest_bit(mask);
+	for (uint32_t i = 0; i < s->thing_count; i++) { /* without branches: vectors */
 		float x = s->mid_x[i] - p.x, y = s->mid_y[i] - p.y, z = s->mid_z[i] - p.z;
 		float dd = x * x + y * y + z * z + 1e-9f, toward = n.x * x + n.y * y + n.z * z;
-		float share;
+		float share = minf(s->occluder2[i] / dd, 1) - SIM_FAINT_SHADE;
 
-		if (toward <= 0 || s->occluder2[i] <= SIM_FAINT_SHADE * dd)
-			continue;
-		share = minf(s->occluder2[i] / dd, 1) - SIM_FAINT_SHADE;
-		open *= 1 - 0.8f * share * minf(toward / sqrtf(dd), 1);
+		left[i] = 1 - 0.8f * maxf(share, 0) * clampf(toward / sqrtf(dd), 0, 1);
 	}
+	for (uint32_t i = 0; i < s->thing_count; i++)
+		open *= left[i];
 	return open;
 }
 
@@ -251,12 +248,11 @@ DIO_SIM_FN struct response surface_response(const struct dio_sim_scene *s, const
 					    uint32_t turn, const struct neighbourhood *near)
 {
 	struct v3 p = v3_mad(hit->point, hit->normal, 1e-4f + 1e-4f * hit->t), n = hit->normal;
-	uint64_t things = s->thing_count ? ~0ull >> (64 - s->thing_count) : 0;
 	struct prim_set glass = set_of_clear(s);
 	bool glassy = !set_is_empty(&glass), untold = false;
 	uint32_t place = 1, shown = 0;
 	struct response out;
-	float open = ambient_open(s, hit->point, n, near ? near->ambient : things);
+	float open = near && !near->ambient ? 1 : ambient_open(s, hit->point, n);
 
 	out.gain = v3_mix(s->ambient_down, s->ambient_up, 0.5f + 0.5f * n.z);
 	out.gain = v3_scale(out.gain, open);

@@ -298,6 +298,21 @@ DIO_SIM_FN float field_of(const struct prim *s, struct v3 p)
 	}
 }
 
+/* The part of a ray within the ellipsoid that the reach of a round shape spans. */
+DIO_SIM_FN bool clip_to_ball(const struct prim *s, const struct ray *r, float *t, float *out)
+{
+	struct v3 inv = v3(1 / s->reach.x, 1 / s->reach.y, 1 / s->reach.z);
+	struct v3 o = v3_mul(r->from, inv), d = v3_mul(r->along, inv);
+	float a = v3_dot(d, d), b = v3_dot(o, d), q = b * b - a * (v3_dot(o, o) - 1), root;
+
+	if (q <= 0)
+		return false;
+	root = sqrtf(q);
+	*t = maxf(*t, (-b - root) / a);
+	*out = minf(*out, (-b + root) / a);
+	return *t < *out;
+}
+
 /* After so many steps a walk has no hope: it goes along the surface. */
 enum { SIM_WALK_STEPS = 48 };
 
@@ -310,6 +325,8 @@ DIO_SIM_FN bool hit_field(const struct prim *s, const struct ray *r, struct surf
 	slab(r->from.z, r->along.z, s->reach.z, &nz, &fz);
 	t = maxf(maxf(nx, 0), maxf(ny, nz));
 	out = minf(minf(fx, hit->t), minf(fy, fz));
+	if (t >= out || (s->round && !clip_to_ball(s, r, &t, &out)))
+		return false;
 	tiny = clampf(0.1f * r->spread * t, s->bound * 1e-3f, s->bound * 8e-3f);
 	for (int step = 0; t < out; step++) {
 		d = field_of(s, ray_at(r, t));

@@ -397,7 +397,8 @@ DIO_SIM_FN struct v3 texture_colour(const struct material *m, const struct sim_p
 		break;
 	}
 	if (m->grime > 0) {
-		float n = fractal_noise(v3_scale(at->solid, 9), 9 * at->width, 2, m->seed + 31);
+		float n = fractal_noise(v3_scale(at->solid, 9), 9 * at->width,
+					m->grime > 0.15f ? 2 : 1, m->seed + 31);
 
 		c = v3_scale(c, 1 + m->grime * 2 * (n - 0.5f));
 	}

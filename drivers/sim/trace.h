@@ -96,23 +96,26 @@ DIO_SIM_FN bool beam_meets(const struct beam *b, struct v3 centre, float radius)
 	return v3_dot(c, c) <= reach * reach;
 }
 
-DIO_SIM_FN bool beam_meets_prim(const struct beam *b, const struct prim *p)
+DIO_SIM_FN bool beam_meets_bound(const struct beam *b, const struct bound *p)
 {
-	return p->top >= b->floor_z && beam_meets(b, p->centre, p->bound);
+	return p->top >= b->floor_z && beam_meets(b, p->centre, p->radius);
 }
 
 /* All primitives that the beam may meet. */
 DIO_SIM_FN struct prim_set set_of_beam(const struct dio_sim_scene *s, const struct beam *b)
 {
 	struct prim_set set = set_of_none();
+	uint8_t met[SIM_MAX_THINGS];
 
+	for (uint32_t i = 0; i < s->thing_count; i++) /* without branches: vectors */
+		met[i] = beam_meets(b, v3(s->mid_x[i], s->mid_y[i], s->mid_z[i]), s->radius[i]);
 	for (uint32_t i = 0; i < s->thing_count; i++) {
 		const struct thing *t = &s->thing[i];
 
-		if (!beam_meets(b, v3(s->mid_x[i], s->mid_y[i], s->mid_z[i]), s->radius[i]))
+		if (!met[i])
 			continue;
 		for (uint32_t k = t->first; k < t->first + t->count; k++)
-			if (beam_meets_prim(b, &s->prim[k]))
+			if (beam_meets_bound(b, &s->bound[k]))
 				set_add(&set, k);
 	}
 	return set;
@@ -128,7 +131,7 @@ DIO_SIM_FN struct prim_set set_within_beam(const struct dio_sim_scene *s, const 
 		for (uint64_t left = of->word[w]; left; left &= left - 1) {
 			uint32_t k = lowest_bit(left);
 
-			if (beam_meets_prim(b, &s->prim[64 * w + k]))
+			if (beam_meets_bound(b, &s->bound[64 * w + k]))
 				set.word[w] |= 1ull << k;
 		}
 	}
@@ -174,12 +177,13 @@ DIO_SIM_FN void set_remove_own(const struct dio_sim_scene *s, uint32_t surface,
 	}
 }
 
-DIO_SIM_FN bool prim_may_hit(const struct prim *p, const struct ray *r, float limit)
+DIO_SIM_FN bool ray_meets_bound(const struct ray *r, const struct bound *p, float limit)
 {
 	struct v3 c = v3_sub(p->centre, r->from);
-	float along = v3_dot(c, r->along), bb = p->bound * p->bound;
+	float along = v3_dot(c, r->along);
 
-	return along > -p->bound && along - p->bound < limit && v3_dot(c, c) - along * along < bb;
+	return along > -p->radius && along - p->radius < limit &&
+	       v3_dot(c, c) - along * along < p->radius * p->radius;
 }
 
 /* Unrolled coordinates in metres for textures that lie on a sheet. */
@@ -303,7 +307,7 @@ DIO_SIM_FN void trace_nearest(const struct dio_sim_scene *s, const struct ray *r
 		for (uint64_t left = set->word[w]; left; left &= left - 1) {
 			uint32_t k = 64 * w + lowest_bit(left);
 
-			if (prim_may_hit(&s->prim[k], r, h.t) && hit_prim(&s->prim[k], r, &h))
+			if (ray_meets_bound(r, &s->bound[k], h.t) && hit_prim(&s->prim[k], r, &h))
 				best = k;
 		}
 	}
@@ -322,7 +326,7 @@ DIO_SIM_FN bool trace_blocked(const struct dio_sim_scene *s, const struct ray *r
 		for (uint64_t left = set->word[w]; left; left &= left - 1) {
 			uint32_t k = 64 * w + lowest_bit(left);
 
-			if (prim_may_hit(&s->prim[k], r, limit) && hit_prim(&s->prim[k], r, &h))
+			if (ray_meets_bound(r, &s->bound[k], limit) && hit_prim(&s->prim[k], r, &h))
 				return true;
 		}
 	}
