@@ -20,8 +20,16 @@ static struct v3 backdrop_colour(struct rng *r)
 
 void sim_build_turntable(struct dio_sim_scene *s, struct rng *r)
 {
-	uint32_t count = rng_chance(r, 0.65f) ? 1 : 2 + rng_below(r, 3);
-	float size = rng_in(r, 0.08f, 0.2f), spread = count > 1 ? 1.4f * size : 0;
+	float size = rng_in(r, 0.08f, 0.2f), kind = rng_unit(r), spread = 0;
+	uint32_t count = 1;
+
+	if (kind > 0.8f) { /* a few things beside one another */
+		count = 2 + rng_below(r, 3);
+		spread = 1.4f * size;
+	} else if (kind > 0.4f) { /* grown together: models, figures, machines */
+		count = 2 + rng_below(r, 4);
+		spread = 0.45f * size;
+	}
 
 	s->surround = SURROUND_PLAIN;
 	s->sky[0] = backdrop_colour(r);
