@@ -246,7 +246,7 @@ static void a_killed_recorder_leaves_only_whole_frames(void **state)
 {
 	for (int round = 0; round < 5; round++) {
 		char name[16];
-		const char *folder;
+		const char *folder, *third;
 		struct dio_camera *camera;
 		struct dio_camera_info info;
 		struct dio_frame frame;
@@ -256,12 +256,12 @@ static void a_killed_recorder_leaves_only_whole_frames(void **state)
 
 		snprintf(name, sizeof(name), "rec%d", round);
 		folder = scratch_path(*state, name);
+		third = scratch_path(folder, "frames/000003.png");
 		child = fork();
 		if (child == 0)
 			record_until_killed(folder);
 		/* Not before there is something to lose. */
-		for (int i = 0; i < 1000 && access(scratch_path(folder, "frames/000003.png"), F_OK);
-		     i++)
+		for (int i = 0; i < 1000 && access(third, F_OK); i++)
 			usleep(10000);
 		usleep((useconds_t)(round * 1700));
 		assert_int_equal(kill(child, SIGKILL), 0);
