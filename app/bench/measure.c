@@ -230,9 +230,10 @@ static enum dio_status compare_targets(struct bench *bench, struct dio_measured 
 							    bench->wish->patch_px, bench->rgb, NULL,
 							    &fault),
 						&fault, error);
-		for (size_t n = 0;
-		     status == DIO_OK && i < bench->wish->reference_targets && n < numbers; n++)
-			add_difference(&from_reference, (double)bench->rgb[n], *reference++);
+		if (status == DIO_OK && reference && i < bench->wish->reference_targets)
+			for (size_t n = 0; n < numbers; n++)
+				add_difference(&from_reference, (double)bench->rgb[n],
+					       *reference++);
 		if (status == DIO_OK && view->picture.rgb)
 			status = compare_picture(bench, view, &from_truth, &psnr_db, error);
 	}

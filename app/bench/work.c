@@ -73,7 +73,7 @@ static enum dio_status make_engine_views(struct dio_work *work, struct dio_error
 	for (uint32_t i = 0; i < set->context_count; i++)
 		total += (size_t)set->context[i].picture.width * set->context[i].picture.height * 3;
 	work->context = calloc(set->context_count + 1u, sizeof *work->context);
-	work->pixels = at = malloc(total * sizeof *work->pixels);
+	work->pixels = at = calloc(total + 1, sizeof *work->pixels);
 	if (!work->context || !work->pixels)
 		return dio_fail(error, DIO_NO_MEM, "no memory for %u pictures as floats",
 				set->context_count);
