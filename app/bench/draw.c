@@ -6,7 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define CHUNK 4096 /* numbers written at a time */
+#define CHUNK        4096   /* numbers written at a time */
+#define TARGET_PLACE 0.0703 /* of the target on the ring, where no view will be */
 
 static const struct dio_draw_size SIZES[] = {
 	{
@@ -199,10 +200,20 @@ enum dio_status dio_draw_model(const struct dvsm_model_config *config, FILE *str
 			strerror(errno));
 }
 
-/* Place `at` of `count` on a ring of radius 2, looking at its centre, y axis down. */
-static void place(struct dio_view *view, uint32_t width, uint32_t height, double at, uint32_t count)
+/* 0, 1/2, 1/4, 3/4, 1/8 ...: the bits of a number behind the point (van der Corput). */
+static double spread(uint32_t index)
 {
-	const double angle = 2 * M_PI * at / count, s = sin(angle), c = cos(angle);
+	double at = 0;
+
+	for (double bit = 0.5; index > 0; index >>= 1, bit *= 0.5)
+		at += (index & 1) * bit;
+	return at;
+}
+
+/* On a ring of radius 2, looking at its centre, y axis down; `at` in turns. */
+static void place(struct dio_view *view, uint32_t width, uint32_t height, double at)
+{
+	const double angle = 2 * M_PI * at, s = sin(angle), c = cos(angle);
 	const double pose[16] = {c, 0, -s, 2 * s, 0, 1, 0, 0, s, 0, c, -2 * c, 0, 0, 0, 1};
 
 	view->camera = (struct dio_camera_model){
@@ -251,7 +262,7 @@ enum dio_status dio_draw_views(uint32_t width, uint32_t height, uint32_t count,
 	for (uint32_t i = 0; status == DIO_OK && i < count; i++) {
 		struct dio_view *view = &made.context[made.context_count++];
 
-		place(view, width, height, i, count);
+		place(view, width, height, spread(i));
 		if (asprintf(&view->name, "%03u", i) < 0) {
 			view->name = NULL;
 			status = dio_fail(error, DIO_NO_MEM, "no memory for %u views", count);
@@ -261,7 +272,7 @@ enum dio_status dio_draw_views(uint32_t width, uint32_t height, uint32_t count,
 	}
 	if (status == DIO_OK) {
 		made.target_count = 1;
-		place(made.target, width, height, 0.5, count);
+		place(made.target, width, height, TARGET_PLACE);
 		made.target->name = strdup("000");
 		if (!made.target->name)
 			status = dio_fail(error, DIO_NO_MEM, "no memory for %u views", count);

@@ -28,7 +28,8 @@ enum dio_status dio_draw_model(const struct dvsm_model_config *config, FILE *str
 			       struct dio_error *error);
 
 /**
- * `count` context views on a ring that look at its centre, and one target between two of them.
+ * `count` context views on a ring that look at its centre, and one target between them. A view is
+ * the same whatever the count, and the first ones are spread over the ring.
  *
  * set   zero-initialised; release with dio_view_set_deinit()
  */

@@ -98,6 +98,7 @@ enum dio_status dio_work_open(const struct dio_draw_size *size, const char *mode
 {
 	enum dio_status status;
 
+	work->drawn = scene == NULL;
 	status = model ? read_model(model, work, error) : draw_model(size, work, error);
 	if (status == DIO_OK)
 		status = scene ? read_views(scene, work, error)
@@ -128,7 +129,7 @@ void dio_work_deinit(struct dio_work *work)
 
 uint32_t dio_work_pick(const struct dio_work *work, uint32_t views, uint32_t at)
 {
-	return (uint32_t)((uint64_t)at * work->views.context_count / views);
+	return work->drawn ? at : (uint32_t)((uint64_t)at * work->views.context_count / views);
 }
 
 /* Saving */

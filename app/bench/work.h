@@ -2,6 +2,8 @@
 #ifndef DIO_BENCH_WORK_H
 #define DIO_BENCH_WORK_H
 
+#include <stdbool.h>
+
 #include "bench/draw.h"
 #include "core/view.h"
 #include "dvsm/dvsm.h"
@@ -16,6 +18,7 @@ struct dio_work {
 	struct dvsm_view *context; /* the same for the engine, [views.context_count] */
 	float *pixels;             /* of all context pictures */
 	uint32_t pictures;         /* targets that have one */
+	bool drawn;                /* the pictures are, and already in the order to take them */
 };
 
 /**
@@ -31,7 +34,8 @@ enum dio_status dio_work_open(const struct dio_draw_size *size, const char *mode
 			      struct dio_error *error);
 void dio_work_deinit(struct dio_work *work);
 
-/** Index of the context view that takes place `at` when `views` of them are used: spread evenly. */
+/** Index of the context view that takes place `at` when `views` of them are used: a scene's are
+ * spread evenly. */
 uint32_t dio_work_pick(const struct dio_work *work, uint32_t views, uint32_t at);
 
 /**
