@@ -100,10 +100,13 @@ static int commit(const struct dio_drm_card *card, struct request *request, uint
 {
 	int result = -ENOMEM;
 
-	/* The kernel hands the cookie back as it is: it is no pointer to it. */
-	if (!request->failed)
-		result = drmModeAtomicCommit(card->fd, request->atomic, flags,
-					     (void *)(uintptr_t)cookie);
+	if (!request->failed) {
+		/* The kernel hands the cookie back as it is: it is no pointer to it. */
+		/* NOLINTNEXTLINE(performance-no-int-to-ptr) */
+		void *const data = (void *)(uintptr_t)cookie;
+
+		result = drmModeAtomicCommit(card->fd, request->atomic, flags, data);
+	}
 	drmModeAtomicFree(request->atomic);
 	if (result == 0)
 		return 0;

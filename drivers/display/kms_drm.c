@@ -333,12 +333,15 @@ static int flip(void *context, void *opaque, const struct dio_kms_route *route,
 		const struct dio_kms_buffer *buffer, uint64_t cookie)
 {
 	struct dio_drm_card *card = opaque;
+	/* The kernel hands the cookie back as it is: it is no pointer to it. */
+	/* NOLINTNEXTLINE(performance-no-int-to-ptr) */
+	void *const data = (void *)(uintptr_t)cookie;
 
 	(void)context;
 	if (card->atomic)
 		return dio_drm_atomic_flip(card, buffer->fb, cookie);
 	return as_errno(drmModePageFlip(card->fd, card->crtcs[route->crtc], buffer->fb,
-					DRM_MODE_PAGE_FLIP_EVENT, (void *)(uintptr_t)cookie));
+					DRM_MODE_PAGE_FLIP_EVENT, data));
 }
 
 static void turn_off(void *context, void *opaque, const struct dio_kms_route *route)
