@@ -107,6 +107,16 @@ static void set_state(struct dio_camera_thread *thread, enum dio_capture_state s
 	tell_changed(thread);
 }
 
+static bool are_same(const struct dio_camera_controls *a, const struct dio_camera_controls *b)
+{
+	const struct dio_frame_metadata *m = &a->metadata, *n = &b->metadata;
+
+	return a->offered == b->offered && a->flicker == b->flicker &&
+	       m->exposure_us == n->exposure_us && m->gain == n->gain &&
+	       m->white_balance_k == n->white_balance_k && m->red_gain == n->red_gain &&
+	       m->blue_gain == n->blue_gain && m->locked == n->locked;
+}
+
 static void set_hold_state(struct dio_camera_thread *thread, enum dio_hold_state state,
 			   bool settled, const struct dio_camera_controls *controls)
 {
@@ -118,7 +128,7 @@ static void set_hold_state(struct dio_camera_thread *thread, enum dio_hold_state
 	status->hold = state;
 	status->settled = settled;
 	if (controls) {
-		other = other || memcmp(&status->controls, controls, sizeof(*controls)) != 0;
+		other = other || !are_same(&status->controls, controls);
 		status->controls = *controls;
 	}
 	pthread_mutex_unlock(&thread->lock);

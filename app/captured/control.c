@@ -74,7 +74,7 @@ static const struct {
 	bool runs;
 } CHANGES[] = {
 #define CHANGE(name, signature, field, runs)                                                       \
-	{name, offsetof(struct shown, field), sizeof(((struct shown *)NULL)->field), runs},
+	{(name), offsetof(struct shown, field), sizeof(((struct shown *)NULL)->field), runs},
 	PROPERTIES(CHANGE)
 #undef CHANGE
 };
@@ -90,7 +90,7 @@ static int get_property(sd_bus *bus, const char *path, const char *interface, co
 	(void)error;
 #define SIGNATURE(name, letter, field, runs)                                                       \
 	if (strcmp(property, name) == 0)                                                           \
-		signature = letter[0];
+		signature = (letter)[0];
 	PROPERTIES(SIGNATURE)
 #undef SIGNATURE
 	return sd_bus_message_append_basic(reply, signature, value);

@@ -63,15 +63,18 @@ static void fill_message(const struct dio_ring_readers *readers,
 /* Send without waiting, with a descriptor unless that is -1. */
 static bool send_message(int fd, const struct dio_ring_message *message, int passed_fd)
 {
-	struct iovec part = {.iov_len = sizeof(*message)};
+	/* iovec has no const; sendmsg() does not write. */
+	union {
+		const void *from;
+		void *to;
+	} bytes = {message};
+	struct iovec part = {.iov_base = bytes.to, .iov_len = sizeof(*message)};
 	union {
 		struct cmsghdr header;
 		char room[CMSG_SPACE(sizeof(int))];
 	} control;
 	struct msghdr envelope = {.msg_iov = &part, .msg_iovlen = 1};
 
-	/* iovec has no const; sendmsg() does not write. */
-	memcpy(&part.iov_base, &message, sizeof(message));
 	if (passed_fd >= 0) {
 		memset(&control, 0, sizeof(control));
 		control.header.cmsg_level = SOL_SOCKET;

@@ -202,14 +202,15 @@ static void read_trio(const struct dio_v4l2_device *device, const struct trio *t
 	int32_t bits = 0;
 	bool by_3a = trio->bit_3a && query(device, V4L2_CID_3A_LOCK, &about) &&
 		     ((uint32_t)about.maximum & trio->bit_3a);
-	bool automatic = has(device, trio->automatic);
+	bool automatic = has(device, trio->automatic), held;
 
 	if (!by_3a && !automatic && value_of(device, trio) == NONE)
 		return;
 	controls->offered |= trio->lock;
-	if (by_3a && get(device, V4L2_CID_3A_LOCK, &bits) && ((uint32_t)bits & trio->bit_3a))
-		controls->metadata.locked |= trio->lock;
-	else if (automatic ? is_off(device, trio) : holding && !by_3a)
+	held = by_3a && get(device, V4L2_CID_3A_LOCK, &bits) && ((uint32_t)bits & trio->bit_3a);
+	if (!held)
+		held = automatic ? is_off(device, trio) : holding && !by_3a;
+	if (held)
 		controls->metadata.locked |= trio->lock;
 }
 
