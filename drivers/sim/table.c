@@ -32,10 +32,12 @@ static void scatter(struct dio_sim_scene *s, struct rng *r, struct layout *l, ui
 {
 	for (uint32_t i = 0; i < count && l->count < SIM_MAX_THINGS; i++) {
 		float mine = size * rng_in(r, 0.5f, 1.3f);
+		/* The first one stands where the cameras look: no picture of a bare table. */
+		float wide = i == 0 && l->clear_x <= 0 ? 0.35f : 1;
 
 		for (int attempt = 0; attempt < 24; attempt++) {
-			float x = rng_in(r, -l->reach_x, l->reach_x);
-			float y = rng_in(r, -l->reach_y, l->reach_y);
+			float x = wide * rng_in(r, -l->reach_x, l->reach_x);
+			float y = wide * rng_in(r, -l->reach_y, l->reach_y);
 			struct plot *p = &l->plots[l->count];
 
 			if (!place_is_free(l, x, y, mine, 0.85f))
