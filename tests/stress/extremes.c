@@ -207,6 +207,14 @@ static void check(const struct stress_job *job, struct stress_world *world,
 		const struct stress_way way = {precision, masks[t], job->threads};
 		struct stress_outcome outcome = stress_world_run(world, &way);
 
+		if (outcome.status == DVSM_UNSUPPORTED) {
+			/* Integers that cannot hold a model say so when an engine is made. */
+			figure.what = "refused";
+			figure.judgement = STRESS_STATED;
+			figure.value = 1;
+			stress_report_add(job->report, &figure);
+			return;
+		}
 		if (outcome.status != DVSM_OK) {
 			stress_report_fault(job->report, &figure, outcome.error.text);
 			return;
@@ -281,7 +289,8 @@ static const struct ladder ladders[] = {
 	{"scores, to 1e36", stress_twist_scores},
 };
 
-/* Numbers of a world's picture that are not finite, over all tiers; all when it is refused. */
+/* Numbers of a world's picture that are not finite, over all tiers; all of them after a failure,
+ * but none where a precision says that it cannot hold the model. */
 static size_t count_not_finite(const struct stress_job *job, const struct stress_world *world,
 			       enum dvsm_precision precision)
 {
@@ -292,7 +301,7 @@ static size_t count_not_finite(const struct stress_job *job, const struct stress
 		const struct stress_way way = {precision, masks[t], job->threads};
 		struct stress_outcome outcome = stress_world_run(world, &way);
 
-		for (size_t i = 0; i < world->numbers; i++)
+		for (size_t i = 0; outcome.status != DVSM_UNSUPPORTED && i < world->numbers; i++)
 			count += !outcome.picture || !isfinite(outcome.picture[i]);
 		stress_outcome_deinit(&outcome);
 	}
