@@ -14,6 +14,9 @@
 #define MAX_RGB_FRACTION    16
 #define MAX_EMBED_FRACTION  20
 
+/* Fraction bits of an embedded token's typical number, without which the first norm sees noise. */
+#define LEAST_TOKEN_BITS 4
+
 /* Rays of a token are brought below 2, colours are -1..2 and become -3..3. */
 #define RAY_PEAK    2.0
 #define COLOUR_PEAK 3.0
@@ -363,6 +366,30 @@ static void take_all(struct build *build, struct dvsm_fixed_model *fixed)
 	set_stream_fraction(build, fixed);
 }
 
+/* The stream has one binary point: beside what the blocks may add, tokens must not vanish. */
+static enum dvsm_status check_stream(const struct build *build,
+				     const struct dvsm_fixed_model *fixed, struct dvsm_error *error)
+{
+	const size_t dim = build->model->config.dim;
+	double squares = 0;
+
+	for (size_t d = 0; d < dim; d++) {
+		double weight = build->model->weights.embed_norm[d];
+
+		squares += weight * weight;
+	}
+
+	double token = sqrt(squares / (double)dim);
+
+	if (token == 0 || ldexp(token, fixed->fraction) >= 1 << LEAST_TOKEN_BITS ||
+	    fixed->fraction == MAX_STREAM_FRACTION)
+		return DVSM_OK;
+	return dvsm_fail(error, DVSM_UNSUPPORTED,
+			 "precision fixed: the blocks can add numbers of up to %.3g to tokens of "
+			 "%.3g, which no 32 bits hold together: use f32 or bf16",
+			 build->stream, token);
+}
+
 static enum dvsm_status check(const struct dvsm_model *model, struct dvsm_error *error)
 {
 	const struct dvsm_model_config *config = &model->config;
@@ -416,7 +443,11 @@ enum dvsm_status dvsm_fixed_model_create(const struct dvsm_model *model,
 	if (made->memory && take_scratch(&build)) {
 		build.arena = (struct dvsm_arena){.base = made->memory};
 		take_all(&build, made);
-		*fixed = made;
+		status = check_stream(&build, made, error);
+		if (status == DVSM_OK)
+			*fixed = made;
+		else
+			dvsm_fixed_model_destroy(made);
 	} else {
 		dvsm_fixed_model_destroy(made);
 		status = dvsm_fail(error, DVSM_NO_MEM, "no memory for %zu bytes of int8 weights",

@@ -13,8 +13,9 @@
 #define PICTURE_ROWS   16u
 #define COLOUR_NUMBERS 4096u
 
-/* Rays up to this size, and colours up to 3, never leave the embedding's 32 bits. */
-#define NEAR_RAY_BITS 1
+/* Rays and colours below these powers of two never leave the embedding's 32 bits. */
+#define NEAR_RAY_BITS    1
+#define NEAR_COLOUR_BITS 2
 
 struct picture_job {
 	const struct dvsm_fixed_run *run;
@@ -24,6 +25,7 @@ struct picture_job {
 	int32_t *x;
 	const struct dvsm_picture_out *out;
 	size_t count, width; /* tokens, and numbers of each */
+	int near_bits;       /* numbers below 2^near_bits stand for themselves */
 };
 
 static size_t tiles(size_t count, size_t size)
@@ -62,7 +64,7 @@ static void split_token(const struct picture_job *job, size_t token)
 	int exponent = exponent_of(numbers, job->width);
 	/* A target far outside the rig has long moments: its whole token is made smaller, which
 	 * the norm behind the embedding does not see. */
-	int far = exponent > NEAR_RAY_BITS ? exponent - NEAR_RAY_BITS : 0;
+	int far = exponent > job->near_bits ? exponent - job->near_bits : 0;
 
 	memset(high, 0, depth);
 	memset(low, 0, depth);
@@ -143,6 +145,7 @@ void dvsm_fixed_picture_embed(const struct dvsm_fixed_run *run, const struct dvs
 		.x = x,
 		.count = dvsm_token_grid_count(plan->grid),
 		.width = 6 * area,
+		.near_bits = NEAR_RAY_BITS,
 	};
 
 	memset(run->work.sums, 0, job.count * run->config->dim * sizeof(int32_t));
@@ -150,6 +153,7 @@ void dvsm_fixed_picture_embed(const struct dvsm_fixed_run *run, const struct dvs
 	add_planes(run, job.count, &model->patch_ray);
 	if (rgb) {
 		job.width = 3 * area;
+		job.near_bits = NEAR_COLOUR_BITS;
 		dvsm_pool_run(run->pool, plan->grid.rows, cut_task, &job);
 		add_planes(run, job.count, &model->patch_rgb);
 	}
@@ -162,18 +166,26 @@ void dvsm_fixed_picture_embed(const struct dvsm_fixed_run *run, const struct dvs
 /* Colours end here: they are as exact in float32 as in 32 bits. */
 #define COLOUR_LIMIT (128 << DVSM_FIXED_COLOUR)
 
-static int32_t colour_of(int32_t y, int fraction, bool sigmoid)
+/* To the limits; *clamped grows when that changes it. */
+static int32_t clamp_colour(int64_t wide, uint64_t *clamped)
 {
-	int64_t wide = (int64_t)y * (1 << (DVSM_FIXED_COLOUR - fraction));
+	if (wide >= -COLOUR_LIMIT && wide <= COLOUR_LIMIT)
+		return (int32_t)wide;
+	++*clamped;
+	return wide < 0 ? -COLOUR_LIMIT : COLOUR_LIMIT;
+}
 
+static int32_t colour_of(int32_t y, int fraction, bool sigmoid, uint64_t *clamped)
+{
+	/* Where a unit is worth more than all colours there are, how much more does not matter. */
+	int up = dvsm_fixed_clamp(DVSM_FIXED_COLOUR - fraction, 0, 31);
+	int64_t wide = (int64_t)y * ((int64_t)1 << up);
+	uint64_t unseen = 0;
+
+	/* A sigmoid is 0 or 1 long before its argument's limits. */
 	if (sigmoid)
-		return dvsm_fixed_sigmoid(wide > COLOUR_LIMIT    ? COLOUR_LIMIT
-					  : wide < -COLOUR_LIMIT ? -COLOUR_LIMIT
-								 : (int32_t)wide);
-	wide = (1 << (DVSM_FIXED_COLOUR - 1)) + dvsm_fixed_round(wide, 1);
-	return wide > COLOUR_LIMIT    ? COLOUR_LIMIT
-	       : wide < -COLOUR_LIMIT ? -COLOUR_LIMIT
-				      : (int32_t)wide;
+		return dvsm_fixed_sigmoid(clamp_colour(wide, &unseen));
+	return clamp_colour((1 << (DVSM_FIXED_COLOUR - 1)) + dvsm_fixed_round(wide, 1), clamped);
 }
 
 static void colour_task(void *context, size_t index, uint32_t worker)
@@ -181,11 +193,14 @@ static void colour_task(void *context, size_t index, uint32_t worker)
 	const struct picture_job *job = context;
 	int32_t *y = job->run->work.sums + index * COLOUR_NUMBERS;
 	size_t count = tile_length(job->count * job->width, COLOUR_NUMBERS, index);
+	uint64_t clamped = 0;
 
 	(void)worker;
 	for (size_t i = 0; i < count; i++)
-		y[i] = colour_of(y[i], job->run->model->rgb_fraction,
-				 job->run->config->rgb_sigmoid);
+		y[i] = colour_of(y[i], job->run->model->rgb_fraction, job->run->config->rgb_sigmoid,
+				 &clamped);
+	if (clamped)
+		atomic_fetch_add(job->run->clamped, clamped);
 }
 
 static void join_task(void *context, size_t index, uint32_t worker)

@@ -2,6 +2,8 @@
 #ifndef DVSM_FIXED_RUN_H
 #define DVSM_FIXED_RUN_H
 
+#include <stdatomic.h>
+
 #include "fixed/layer.h"
 #include "forward/workspace.h"
 #include "threads/pool.h"
@@ -33,6 +35,7 @@ struct dvsm_fixed_run {
 	const struct dvsm_fixed_kernels *kernels;
 	struct dvsm_pool *pool;
 	struct dvsm_fixed_workspace work;
+	_Atomic uint64_t *clamped; /* counts colours that were; used by rendering alone */
 };
 
 /** Walk the workspace: measures or places, as the arena says. */

@@ -87,9 +87,12 @@ static enum dvsm_status render(struct dvsm_engine *engine, const struct dvsm_sce
 	struct dvsm_patch_plan plan = dvsm_patch_plan_make(
 		camera->width, camera->height, engine->model->config.patch_px, patch_px);
 
+	_Atomic uint64_t clamped = 0;
+
 	if (engine->fixed) {
 		struct dvsm_fixed_run run = dvsm_engine_begin_fixed(engine, camera, 1, patch_px);
 
+		run.clamped = &clamped;
 		dvsm_fixed_render(&run, scene, camera, &plan, patch_px, out);
 	} else {
 		run_stage(engine, scene, camera, &plan, patch_px, out);
@@ -100,6 +103,7 @@ static enum dvsm_status render(struct dvsm_engine *engine, const struct dvsm_sce
 			.tokens = (uint32_t)dvsm_token_grid_count(plan.grid),
 			.keys = scene->tokens,
 			.time_ns = dvsm_engine_now_ns() - start_ns,
+			.saturated = clamped,
 			.memory = {dvsm_engine_weight_bytes(engine), scene->cache_bytes,
 				   engine->workspace_bytes},
 		};

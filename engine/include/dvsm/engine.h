@@ -82,7 +82,9 @@ struct dvsm_stats {
 	uint32_t tokens; /* tokens of the picture(s) processed */
 	uint64_t keys;   /* cross-view keys per head and layer */
 	uint64_t time_ns;
-	uint64_t saturated; /* numbers that integers could not hold and that were clamped; fixed */
+	/* In fixed: colours beyond +-128, which were clamped. Nothing else can leave its integer:
+	 * bounds that follow from the weights place every binary point. */
+	uint64_t saturated;
 	struct dvsm_memory memory;
 };
 
@@ -93,7 +95,8 @@ typedef bool dvsm_progress_fn(void *context, double done);
  * Create an engine with its thread pool. The model is borrowed and must outlive the engine.
  * Results do not depend on the number of threads.
  *
- * DVSM_UNSUPPORTED  this build does not have the precision
+ * DVSM_UNSUPPORTED  this build does not have the precision; in fixed, weights so uneven that tokens
+ *                   would vanish beside what the blocks may add to them
  */
 DVSM_API enum dvsm_status dvsm_engine_create(const struct dvsm_model *model,
 					     const struct dvsm_engine_options *options,
