@@ -20,7 +20,7 @@ struct limits {
 
 #define LIMITS_USUAL                                                                               \
 	{                                                                                          \
-		2e-6, 2e-2, 5e-2                                                                   \
+		2e-6, 2e-2, 3e-2                                                                   \
 	}
 
 /* Colours of thousands, of which only those below 100 count: small ones beside large ones. */
