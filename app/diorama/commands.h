@@ -14,6 +14,7 @@ int dio_command_eval(int argc, char **argv);
 int dio_command_info(int argc, char **argv);
 int dio_command_view(int argc, char **argv);
 int dio_command_ctl(int argc, char **argv);
+int dio_command_quantize(int argc, char **argv);
 int dio_command_demo(int argc, char **argv);
 
 #endif

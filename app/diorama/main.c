@@ -23,8 +23,8 @@ static const struct {
 	{"eval", dio_command_eval, "score rendered targets against their true pictures"},
 	{"view", dio_command_view, "look at a scene in a window"},
 	{"info", dio_command_info, "say what a file holds"},
-	{"bench", dio_command_bench,
-	 "measure time, memory and error on this machine"},
+	{"quantize", dio_command_quantize, "write a model in int8"},
+	{"bench", dio_command_bench, "measure time, memory and error on this machine"},
 	{"ctl", dio_command_ctl, "speak to the daemons of a box"},
 	{"demo", dio_command_demo, "go the whole way, from camera frames to rendered viewpoints"},
 };

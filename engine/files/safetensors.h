@@ -43,6 +43,12 @@ struct dvsm_tensor {
 	 */
 	void *destination;
 	dvsm_tensor_place_fn *place; /* NULL: as they lie in the file */
+	/*
+	 * NULL, or [shape[0]] factors that make weights of an I8 tensor of rank 2: load multiplies
+	 * and places them as it does floats. They may be another tensor's destination if that one
+	 * comes before this one in the file.
+	 */
+	const float *row_scale;
 };
 
 struct dvsm_safetensors {

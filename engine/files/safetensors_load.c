@@ -64,6 +64,27 @@ static void place_expanded(const struct dvsm_tensor *tensor, size_t first, size_
 	}
 }
 
+/* The same for int8 with a factor a row. */
+static void place_scaled(struct dvsm_tensor *tensor, size_t first, size_t count,
+			 const int8_t *numbers)
+{
+	float expanded[EXPANDED_FLOATS];
+	const size_t width = (size_t)tensor->shape[1];
+	while (count > 0) {
+		size_t step = count < EXPANDED_FLOATS ? count : EXPANDED_FLOATS;
+		for (size_t i = 0; i < step; i++) {
+			float number = numbers[i] * tensor->row_scale[(first + i) / width];
+			float size = number < 0 ? -number : number;
+			expanded[i] = number;
+			tensor->largest = size > tensor->largest ? size : tensor->largest;
+		}
+		tensor->place(tensor, first, expanded, step);
+		numbers += step;
+		first += step;
+		count -= step;
+	}
+}
+
 /* Check and place `count` numbers that begin at number `first` of the tensor. */
 static enum dvsm_status place(const struct dvsm_safetensors *file, struct dvsm_tensor *tensor,
 			      size_t first, size_t count, const void *numbers,
@@ -82,7 +103,9 @@ static enum dvsm_status place(const struct dvsm_safetensors *file, struct dvsm_t
 		return DVSM_OK;
 
 	size_t bytes = dvsm_dtype_bytes(tensor->dtype);
-	if (dvsm_dtype_is_weight(tensor->dtype) && tensor->place)
+	if (tensor->row_scale)
+		place_scaled(tensor, first, count, numbers);
+	else if (dvsm_dtype_is_weight(tensor->dtype) && tensor->place)
 		place_expanded(tensor, first, count, numbers);
 	else if (dvsm_dtype_is_weight(tensor->dtype))
 		dvsm_dtype_expand(tensor->dtype, numbers, count,

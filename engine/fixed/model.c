@@ -66,15 +66,6 @@ static void take_gain(struct build *build, const float *weights, struct dvsm_fix
 
 /* ---- matrices ---- */
 
-/* A part of a matrix of the model: rows first .. first + out - 1. */
-static void get_row(const struct dvsm_matrix *w, size_t row, float *out)
-{
-	const float *panel = w->panels + row / DVSM_PANEL * DVSM_PANEL * w->in + row % DVSM_PANEL;
-
-	for (size_t d = 0; d < w->in; d++)
-		out[d] = panel[d * DVSM_PANEL];
-}
-
 static struct dvsm_fixed_matrix take_matrix(struct build *build, const struct dvsm_matrix *w)
 {
 	size_t depth = dvsm_fixed_pad(w->in, DVSM_FIXED_DEPTH);
@@ -88,7 +79,7 @@ static struct dvsm_fixed_matrix take_matrix(struct build *build, const struct dv
 		for (size_t j = 0; j < w->out; j++) {
 			int8_t *numbers = build->numbers + j * w->in;
 
-			get_row(w, j, build->row);
+			dvsm_fixed_unpack_row(w, j, build->row);
 
 			struct dvsm_fixed_scale scale =
 				dvsm_fixed_quantise_row(build->row, w->in, numbers);

@@ -143,6 +143,19 @@ static enum dvsm_status check_pose_norm(const struct dvsm_json *json, const char
 	return DVSM_OK;
 }
 
+/* Tensors tell their type themselves; the key keeps builds away that do not know int8. */
+static enum dvsm_status check_quantisation(const struct dvsm_json *json, const char *name,
+					   struct dvsm_error *error)
+{
+	const char *text;
+	enum dvsm_status status = get_text(json, name, "quantisation", &text, error);
+	if (status == DVSM_OK && text && strcmp(text, "int8") != 0)
+		return dvsm_fail(error, DVSM_UNSUPPORTED,
+				 "%s: config: quantisation \"%.80s\" is unknown, only int8 is done",
+				 dvsm_name_tail(name), text);
+	return status;
+}
+
 static enum dvsm_status get_prior(const struct dvsm_json *json, const char *name,
 				  uint32_t *prior_dim, struct dvsm_error *error)
 {
@@ -162,9 +175,9 @@ static enum dvsm_status get_prior(const struct dvsm_json *json, const char *name
 static enum dvsm_status check_keys(const struct dvsm_json *json, const char *name,
 				   struct dvsm_error *error)
 {
-	static const char *const known[] = {"dim",     "heads",     "layers",
-					    "patch",   "mlp_ratio", "norm_eps",
-					    "rgb_out", "pose_norm", "prior"};
+	static const char *const known[] = {"dim",       "heads",       "layers",  "patch",
+					    "mlp_ratio", "norm_eps",    "rgb_out", "pose_norm",
+					    "prior",     "quantisation"};
 	const struct dvsm_json_value *member = dvsm_json_first(json, &json->values[0]);
 	for (; member; member = dvsm_json_next(json, member)) {
 		size_t i = 0;
@@ -198,6 +211,8 @@ static enum dvsm_status parse(const struct dvsm_json *json, const char *name,
 		status = get_rgb_out(json, name, &config->rgb_sigmoid, error);
 	if (status == DVSM_OK)
 		status = check_pose_norm(json, name, error);
+	if (status == DVSM_OK)
+		status = check_quantisation(json, name, error);
 	if (status == DVSM_OK)
 		status = get_prior(json, name, &config->prior_dim, error);
 	return status;

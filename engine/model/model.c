@@ -54,6 +54,37 @@ static float *take(struct walk *walk, size_t floats, bool fits)
 	return walk->block ? walk->block + at / sizeof(float) : NULL;
 }
 
+/*
+ * The tensor of a matrix. Where it is I8, a vector NAME_scale stands before it in the file and
+ * makes weights of it.
+ */
+static struct dvsm_tensor *require_matrix(struct walk *walk, const char *name, uint32_t rows,
+					  uint32_t columns)
+{
+	const enum dvsm_dtype i8 = DVSM_DTYPE_I8, f32 = DVSM_DTYPE_F32;
+	const uint64_t shape[2] = {rows, columns};
+	struct dvsm_tensor *tensor = dvsm_safetensors_find(walk->file, name), *scale;
+	char scale_name[96];
+	if (!tensor || tensor->dtype != DVSM_DTYPE_I8 || walk->status != DVSM_OK)
+		return require(walk, name, 2, shape);
+	snprintf(scale_name, sizeof(scale_name), "%s_scale", name);
+	walk->status =
+		dvsm_safetensors_require(walk->file, name, &i8, 2, shape, &tensor, walk->error);
+	if (walk->status == DVSM_OK)
+		walk->status = dvsm_safetensors_require(walk->file, scale_name, &f32, 1, shape,
+							&scale, walk->error);
+	if (walk->status == DVSM_OK && scale->begin > tensor->begin)
+		walk->status =
+			dvsm_fail(walk->error, DVSM_BAD_FILE, "%s: tensor %s: must stand before %s",
+				  dvsm_name_tail(walk->file->source.name), scale_name, name);
+	if (walk->status != DVSM_OK)
+		return NULL;
+	walk->count += tensor->count;
+	scale->destination = take(walk, rows, true);
+	tensor->row_scale = scale->destination;
+	return tensor;
+}
+
 static void visit_vector(struct walk *walk, const char *name, uint32_t length,
 			 const float **weights)
 {
@@ -84,7 +115,7 @@ static void place_matrix(const struct dvsm_tensor *tensor, size_t first, const f
 static void visit_matrix(struct walk *walk, const char *name, uint32_t rows, uint32_t columns,
 			 struct dvsm_matrix *matrix)
 {
-	struct dvsm_tensor *tensor = require(walk, name, 2, (const uint64_t[]){rows, columns});
+	struct dvsm_tensor *tensor = require_matrix(walk, name, rows, columns);
 	if (!tensor)
 		return;
 	tensor->destination = take_matrix(walk, rows, columns, matrix);
@@ -108,7 +139,7 @@ static void place_qkv(const struct dvsm_tensor *tensor, size_t first, const floa
 static void visit_qkv(struct walk *walk, const char *name, uint32_t dim,
 		      struct dvsm_half_weights *w)
 {
-	struct dvsm_tensor *tensor = require(walk, name, 2, (const uint64_t[]){3 * dim, dim});
+	struct dvsm_tensor *tensor = require_matrix(walk, name, 3 * dim, dim);
 	if (!tensor)
 		return;
 	tensor->destination = take_matrix(walk, dim, dim, &w->query);

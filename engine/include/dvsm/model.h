@@ -30,7 +30,7 @@ struct dvsm_model_config {
 /**
  * Open a model file.
  *
- * path    a safetensors file, F32, F16 or BF16
+ * path    a safetensors file: F32, F16, BF16, or what dvsm_model_quantise() wrote
  * model   receives the model; release with dvsm_model_close()
  * error   NULL, or receives one line that names the tensor and the fault
  *
@@ -51,6 +51,26 @@ DVSM_API const char *dvsm_model_get_sha256(const struct dvsm_model *model);
 
 /** Bytes of packed weights in memory: all of them, whatever number of engines reads them. */
 DVSM_API size_t dvsm_model_get_weight_bytes(const struct dvsm_model *model);
+
+/**
+ * How far a matrix of int8 is from its weights: 10 log10 of the weights' squares over the errors',
+ * for the whole and for its worst row.
+ */
+typedef void dvsm_quantise_report_fn(void *context, const char *tensor, double all_db,
+				     double worst_row_db);
+
+/**
+ * Write a model in int8 with a scale for each row, as precision fixed makes it of any model: with
+ * that precision the file gives the same bits as the model. Other precisions take it too.
+ *
+ * report   NULL, or called for every matrix
+ *
+ * DVSM_UNSUPPORTED  a model with a prior
+ * DVSM_IO           the system refused to write
+ */
+DVSM_API enum dvsm_status dvsm_model_quantise(const struct dvsm_model *model, const char *path,
+					      dvsm_quantise_report_fn *report, void *context,
+					      struct dvsm_error *error);
 
 /** Number of weights. */
 DVSM_API uint64_t dvsm_model_get_weight_count(const struct dvsm_model *model);

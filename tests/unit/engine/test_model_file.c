@@ -511,6 +511,62 @@ static void a_long_name_leaves_room_for_the_fault(void **state)
 	assert_text_has(&error, "/m.safetensors: cannot be opened: ");
 }
 
+/* The last matrix in int8: its own tensor gets another name, which is none the model asks for. */
+static void make_to_rgb_int8(struct fixture_file *file, bool scale_first)
+{
+	fixture_init_model(file, "F32");
+	snprintf(fixture_find(file, "to_rgb.weight")->name, sizeof(file->tensors[0].name),
+		 "unused.weight");
+	if (scale_first)
+		fixture_append(file, "to_rgb.weight_scale", "F32", "[12]", 48);
+	fixture_append(file, "to_rgb.weight", "I8", "[12, 8]", 96);
+}
+
+static void int8_rows_are_weights_times_their_scale(void **state)
+{
+	(void)state;
+	struct fixture_file file;
+	make_to_rgb_int8(&file, true);
+	float *scale =
+		(float *)(void *)(file.data + fixture_find(&file, "to_rgb.weight_scale")->begin);
+	signed char *numbers =
+		(signed char *)(file.data + fixture_find(&file, "to_rgb.weight")->begin);
+	for (int row = 0; row < 12; row++) {
+		scale[row] = 0.25f * (float)(row + 1);
+		for (int d = 0; d < 8; d++)
+			numbers[row * 8 + d] = (signed char)(17 * d - 127 + row);
+	}
+	size_t size;
+	unsigned char *bytes = fixture_emit(&file, &size);
+	struct dvsm_model *model = NULL;
+	struct dvsm_error error = {""};
+	assert_int_equal(fixture_open_model(bytes, size, &model, &error), DVSM_OK);
+	for (size_t row = 0; row < 12; row++) {
+		for (size_t d = 0; d < 8; d++)
+			assert_true(model->weights.to_rgb.panels[d * 16 + row] ==
+				    scale[row] * numbers[row * 8 + d]);
+	}
+	dvsm_model_close(model);
+	free(bytes);
+	fixture_deinit(&file);
+}
+
+static void int8_without_a_scale_before_it_is_refused(void **state)
+{
+	(void)state;
+	struct fixture_file file;
+	make_to_rgb_int8(&file, false);
+	assert_model_refused(&file, DVSM_BAD_FILE, "to_rgb.weight_scale", "missing");
+	fixture_append(&file, "to_rgb.weight_scale", "F32", "[12]", 48);
+	assert_model_refused(&file, DVSM_BAD_FILE, "to_rgb.weight_scale", "before");
+	fixture_deinit(&file);
+	make_to_rgb_int8(&file, true);
+	snprintf(fixture_find(&file, "to_rgb.weight_scale")->shape, sizeof(file.tensors[0].shape),
+		 "[3, 4]");
+	assert_model_refused(&file, DVSM_BAD_FILE, "to_rgb.weight_scale", "[12]");
+	fixture_deinit(&file);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -536,6 +592,8 @@ int main(void)
 		cmocka_unit_test(a_huge_header_length_is_refused),
 		cmocka_unit_test(a_path_that_cannot_be_read_is_an_io_error),
 		cmocka_unit_test(a_long_name_leaves_room_for_the_fault),
+		cmocka_unit_test(int8_rows_are_weights_times_their_scale),
+		cmocka_unit_test(int8_without_a_scale_before_it_is_refused),
 	};
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

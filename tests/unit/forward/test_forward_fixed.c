@@ -301,21 +301,28 @@ static void a_scene_of_another_precision_is_refused(void **state)
 	dvsm_engine_destroy(fixed);
 }
 
+/* An empty file of its own in the folder for such. */
+static void make_file(char *path, size_t size)
+{
+	const char *folder = getenv("TMPDIR") ? getenv("TMPDIR") : "/tmp";
+
+	snprintf(path, size, "%s/test_forward_fixed.XXXXXX", folder);
+
+	int file = mkstemp(path);
+
+	assert_true(file >= 0);
+	close(file);
+}
+
 static void a_saved_scene_is_the_same_bits(void **state)
 {
 	struct fixture *f = *state;
 	struct dvsm_engine *engine = make_engine(f, DVSM_PRECISION_FIXED, 1, 0);
 	struct dvsm_scene *scene = make_scene(f, engine, 0), *read = NULL;
 	struct dvsm_scene_info info;
-	const char *folder = getenv("TMPDIR") ? getenv("TMPDIR") : "/tmp";
 	char path[512];
 
-	snprintf(path, sizeof(path), "%s/test_forward_fixed.XXXXXX", folder);
-
-	int file = mkstemp(path);
-
-	assert_true(file >= 0);
-	close(file);
+	make_file(path, sizeof(path));
 	assert_int_equal(dvsm_scene_save(scene, path, &f->error), DVSM_OK);
 	assert_int_equal(dvsm_scene_open(path, f->model, &read, &f->error), DVSM_OK);
 	assert_int_equal(dvsm_scene_probe(path, &info, &f->error), DVSM_OK);
@@ -331,6 +338,50 @@ static void a_saved_scene_is_the_same_bits(void **state)
 	dvsm_scene_destroy(scene);
 	dvsm_scene_destroy(read);
 	dvsm_engine_destroy(engine);
+}
+
+struct quantisation {
+	size_t matrices;
+	double least_db;
+};
+
+static void note_matrix(void *context, const char *tensor, double all_db, double worst_row_db)
+{
+	struct quantisation *noted = context;
+
+	assert_non_null(strstr(tensor, ".weight"));
+	assert_true(worst_row_db <= all_db + 1e-9);
+	noted->matrices++;
+	noted->least_db = fmin(noted->least_db, worst_row_db);
+}
+
+/* Its rows reach 127 where the weights' rows are largest, so quantising them again changes none. */
+static void a_quantised_file_gives_the_same_bits(void **state)
+{
+	struct fixture *f = *state;
+	struct dvsm_model *own = f->model, *quantised = NULL;
+	struct quantisation first = {0, INFINITY}, again = {0, INFINITY};
+	struct hashes before = hash_run(f, 1, 0, 0);
+	char path[512];
+
+	make_file(path, sizeof(path));
+	assert_int_equal(dvsm_model_quantise(own, path, note_matrix, &first, &f->error), DVSM_OK);
+	assert_int_equal(dvsm_model_open(path, &quantised, &f->error), DVSM_OK);
+	assert_int_equal(dvsm_model_get_weight_count(quantised), dvsm_model_get_weight_count(own));
+	f->model = quantised;
+
+	struct hashes after = hash_run(f, 1, 0, 0);
+
+	f->model = own;
+	assert_string_equal(before.cache, after.cache);
+	assert_string_equal(before.picture, after.picture);
+	/* Even weights up to 127 steps: 10 log10(127^2 / 3 / (1/12)) is 48 dB; rows are short. */
+	assert_true(first.matrices == 3 + 8 * odd.layers && first.least_db > 35);
+	assert_int_equal(dvsm_model_quantise(quantised, path, note_matrix, &again, &f->error),
+			 DVSM_OK);
+	assert_true(isinf(again.least_db));
+	dvsm_model_close(quantised);
+	unlink(path);
 }
 
 /* Far targets have moments that outgrow 14 bits by far; pictures of nothing have no gradient. */
@@ -365,6 +416,7 @@ int main(void)
 		TEST(the_cache_takes_a_byte_a_number_and_is_planned),
 		TEST(a_scene_of_another_precision_is_refused),
 		TEST(a_saved_scene_is_the_same_bits),
+		TEST(a_quantised_file_gives_the_same_bits),
 		TEST(far_targets_and_empty_pictures_are_rendered),
 	};
 
