@@ -14,7 +14,7 @@
 
 void dio_viewd_say(struct dio_viewd *viewd, bool alarm, const char *format, ...)
 {
-	char text[sizeof viewd->status.message];
+	char text[sizeof viewd->status.message] = ""; /* compared to its end */
 	va_list arguments;
 
 	va_start(arguments, format);

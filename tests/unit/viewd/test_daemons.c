@@ -45,12 +45,17 @@ static void the_camera_is_calibrated_from_live_frames(void **state)
 	(void)state;
 	daemons_ctl("calibrate", NULL);
 	daemons_wait("State=calibrate");
-	daemons_start_camera("dance", 6);
-	daemons_wait("Camera=streaming");
-	daemons_wait("Camera=ended");
-	if (strcmp(daemons_get("Calibrated"), "true") != 0) {
-		assert_true(atof(daemons_get("Coverage")) > 0.3);
-		daemons_ctl("calibrate", NULL);
+	/* A busy machine sees few of the pictures: then they come again, slower. */
+	for (double rate = 6; rate > 1 && strcmp(daemons_get("Calibrated"), "true") != 0;
+	     rate /= 2) {
+		daemons_start_camera("dance", rate);
+		daemons_wait("Camera=streaming");
+		daemons_wait("Camera=ended");
+		if (atof(daemons_get("Coverage")) < 0.45)
+			continue;
+		if (strcmp(daemons_get("State"), "calibrate") == 0)
+			daemons_ctl("calibrate", NULL);
+		daemons_wait("Calibrated=true");
 	}
 	daemons_wait("Calibrated=true");
 	daemons_wait("State=idle");
@@ -59,11 +64,19 @@ static void the_camera_is_calibrated_from_live_frames(void **state)
 
 static void views_are_chosen_and_a_scene_is_made(void **state)
 {
+	struct fixture_run run;
+
 	(void)state;
 	daemons_ctl("capture", NULL);
 	daemons_wait("State=capture");
-	daemons_start_camera("walk", 2.5);
 	/* Five views are enough by the profile: then it goes on by itself. */
+	for (double rate = 2.5; rate > 0.7 && atoi(daemons_get("Views")) < 5; rate /= 2) {
+		daemons_start_camera("walk", rate);
+		daemons_wait("Camera=streaming");
+		do {
+			fixture_diorama(&run, "ctl", "--timeout", "1", "wait", "Views=5", NULL);
+		} while (run.code != 0 && strcmp(daemons_get("Camera"), "ended") != 0);
+	}
 	daemons_wait("State=view");
 	assert_string_equal(daemons_get("Views"), "5");
 	assert_string_equal(daemons_get("Scene"), "true");
