@@ -31,6 +31,10 @@ class TwoStages(dvsm.Dvsm):
     def __init__(self, config):
         super().__init__(config)
         self.render_blocks = copy.deepcopy(self.blocks)
+        # Behind its keys and values the encoder's last block is not used: no gradient, no step.
+        last = self.blocks[-1]
+        for part in (last.cross.q_norm, last.cross.out, last.cross_mlp_norm, last.cross_mlp):
+            part.requires_grad_(False)
 
     def render(self, cache, cameras, size, patch):
         shared, self.blocks = self.blocks, self.render_blocks

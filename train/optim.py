@@ -8,6 +8,8 @@ def split_weights(model):
     """(matrices inside the blocks, other matrices, vectors)."""
     inner, outer, vectors = [], [], []
     for name, weight in model.named_parameters():
+        if not weight.requires_grad:
+            continue
         if weight.dim() < 2:
             vectors.append(weight)
         else:
