@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 
-#include "core/progress.h"
+#include "dio/clock.h"
 
 #define RUNS        3
 #define RUN_NS      40000000u /* long enough for the clock, short enough to find a quiet moment */

@@ -3,9 +3,9 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "bus/bus_private.h"
+#include "dio/clock.h"
 
 #define NS_PER_US 1000u
 
@@ -183,7 +183,6 @@ void dio_bus_flush_changes(struct dio_bus *bus)
 void dio_bus_prepare(const struct dio_bus *bus, struct pollfd *fd, int *timeout_ms)
 {
 	uint64_t deadline_us = UINT64_MAX, now_us;
-	struct timespec now;
 	int events = sd_bus_get_events(bus->connection);
 
 	fd->fd = sd_bus_get_fd(bus->connection);
@@ -194,8 +193,7 @@ void dio_bus_prepare(const struct dio_bus *bus, struct pollfd *fd, int *timeout_
 		*timeout_ms = 0;
 	if (*timeout_ms == 0 || deadline_us == UINT64_MAX)
 		return;
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	now_us = (uint64_t)now.tv_sec * 1000000 + (uint64_t)now.tv_nsec / NS_PER_US;
+	now_us = dio_clock_ns() / NS_PER_US;
 	if (deadline_us <= now_us)
 		*timeout_ms = 0;
 	else if (deadline_us - now_us < 3600000000u)

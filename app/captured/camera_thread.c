@@ -13,6 +13,7 @@
 #include "captured/rate.h"
 #include "captured/steady.h"
 #include "core/log.h"
+#include "dio/clock.h"
 
 #define NS_PER_MS 1000000ull
 #define NS_PER_S  1000000000ull
@@ -49,14 +50,6 @@ struct dio_camera_thread {
 	struct dio_rate rate;
 	struct dio_camera_counters before; /* of the openings before this one */
 };
-
-static uint64_t now_ns(void)
-{
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return (uint64_t)now.tv_sec * NS_PER_S + (uint64_t)now.tv_nsec;
-}
 
 const char *dio_hold_state_name(enum dio_hold_state state)
 {
@@ -203,7 +196,8 @@ static void give_up(struct dio_camera_thread *thread, enum dio_status status,
 static void begin_settling(struct dio_camera_thread *thread)
 {
 	dio_steady_reset(&thread->steady);
-	thread->settle_until_ns = now_ns() + (uint64_t)thread->settings->settle_ms * NS_PER_MS;
+	thread->settle_until_ns =
+		dio_clock_ns() + (uint64_t)thread->settings->settle_ms * NS_PER_MS;
 	set_hold_state(thread, DIO_HOLD_SETTLING, false, NULL);
 }
 
@@ -230,7 +224,7 @@ static void apply_wish(struct dio_camera_thread *thread, bool hold, bool settled
 			     settled ? "" : ", before the picture had come to rest");
 	}
 	set_hold_state(thread, state, settled, &done);
-	thread->last_read_ns = now_ns();
+	thread->last_read_ns = dio_clock_ns();
 }
 
 static void open_camera(struct dio_camera_thread *thread)
@@ -252,7 +246,7 @@ static void open_camera(struct dio_camera_thread *thread)
 	pthread_mutex_lock(&thread->lock);
 	thread->status.camera = info;
 	pthread_mutex_unlock(&thread->lock);
-	thread->opened_ns = thread->last_frame_ns = now_ns();
+	thread->opened_ns = thread->last_frame_ns = dio_clock_ns();
 	/* The first frames decide whether this was a success. */
 	if (thread->status.state == DIO_CAPTURE_STARTING)
 		dio_log_note("%s: %s %ux%u", info.name, dio_pixel_format_name(info.format),
@@ -290,7 +284,7 @@ static void look_at_rest(struct dio_camera_thread *thread, const struct dio_fram
 	if (thread->settle_until_ns == 0)
 		return;
 	steady = dio_steady_look(&thread->steady, frame);
-	if (!steady && now_ns() < thread->settle_until_ns)
+	if (!steady && dio_clock_ns() < thread->settle_until_ns)
 		return;
 	thread->settle_until_ns = 0;
 	apply_wish(thread, true, steady);
@@ -301,9 +295,9 @@ static void read_controls(struct dio_camera_thread *thread)
 	struct dio_camera_controls now;
 
 	if (thread->status.hold != DIO_HOLD_AUTOMATIC ||
-	    now_ns() < thread->last_read_ns + READ_PERIOD_NS)
+	    dio_clock_ns() < thread->last_read_ns + READ_PERIOD_NS)
 		return;
-	thread->last_read_ns = now_ns();
+	thread->last_read_ns = dio_clock_ns();
 	if (dio_camera_get_controls(thread->camera, &now, NULL) == DIO_OK)
 		set_hold_state(thread, DIO_HOLD_AUTOMATIC, false, &now);
 }
@@ -312,7 +306,7 @@ static void take_frame(struct dio_camera_thread *thread, const struct dio_frame 
 {
 	struct dio_error error;
 
-	thread->last_frame_ns = now_ns();
+	thread->last_frame_ns = dio_clock_ns();
 	thread->pause_ns = 0;
 	thread->frames++;
 	dio_rate_add(&thread->rate, frame->timestamp_ns);
@@ -336,7 +330,7 @@ static void miss_frame(struct dio_camera_thread *thread, const struct dio_error 
 {
 	const uint64_t limit = (uint64_t)thread->settings->stalled_ms * NS_PER_MS;
 
-	if (now_ns() - thread->last_frame_ns < limit)
+	if (dio_clock_ns() - thread->last_frame_ns < limit)
 		return;
 	if (thread->frames > 0) {
 		give_up(thread, DIO_AGAIN, error);
@@ -362,7 +356,7 @@ static void pass_slice(struct dio_camera_thread *thread)
 		miss_frame(thread, &error);
 		break;
 	case DIO_NO_SIGNAL:
-		thread->last_frame_ns = now_ns();
+		thread->last_frame_ns = dio_clock_ns();
 		dio_rate_reset(&thread->rate);
 		set_state(thread, DIO_CAPTURE_NO_SIGNAL, error.text);
 		break;
@@ -385,7 +379,7 @@ static void pass_slice(struct dio_camera_thread *thread)
 /* Sleep until there is something to do: the time, a wish, or the end. */
 static void rest(struct dio_camera_thread *thread, uint64_t duration_ns)
 {
-	const uint64_t until = now_ns() + duration_ns;
+	const uint64_t until = dio_clock_ns() + duration_ns;
 	const struct timespec ts = {(time_t)(until / NS_PER_S), (long)(until % NS_PER_S)};
 
 	pthread_mutex_lock(&thread->lock);
@@ -400,7 +394,7 @@ static bool come_round(struct dio_camera_thread *thread)
 	bool stop;
 
 	pthread_mutex_lock(&thread->lock);
-	thread->status.heartbeat_ns = now_ns();
+	thread->status.heartbeat_ns = dio_clock_ns();
 	stop = thread->stop;
 	pthread_mutex_unlock(&thread->lock);
 	return !stop;
@@ -457,7 +451,7 @@ enum dio_status dio_camera_thread_create(const struct dio_captured_settings *set
 	made->recording = recording;
 	made->changed_fd = changed_fd;
 	made->hold = settings->wish.hold;
-	made->status.heartbeat_ns = now_ns();
+	made->status.heartbeat_ns = dio_clock_ns();
 	pthread_mutex_init(&made->lock, NULL);
 	if (init_condition(&made->asked) != 0 ||
 	    pthread_create(&made->thread, NULL, run, made) != 0) {

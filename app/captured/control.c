@@ -5,10 +5,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "bus/bus.h"
 #include "core/log.h"
+#include "dio/clock.h"
 
 #define ACTION    "org.diorama.capture.control"
 #define NS_PER_MS 1000000ull
@@ -299,19 +299,11 @@ void dio_control_update(struct dio_control *control, bool counters)
 		dio_bus_flush_changes(control->bus);
 }
 
-static uint64_t now_ns(void)
-{
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
-}
-
 static void lose_bus(struct dio_control *control)
 {
 	dio_bus_close(control->bus);
 	control->bus = NULL;
-	control->retry_ns = now_ns() + control->pause_ns;
+	control->retry_ns = dio_clock_ns() + control->pause_ns;
 	control->pause_ns =
 		control->pause_ns * 2 < RETRY_MAX_NS ? control->pause_ns * 2 : RETRY_MAX_NS;
 }
@@ -361,7 +353,7 @@ void dio_control_destroy(struct dio_control *control)
 
 void dio_control_prepare(const struct dio_control *control, struct pollfd *fd, int *timeout_ms)
 {
-	const uint64_t now = now_ns();
+	const uint64_t now = dio_clock_ns();
 
 	*fd = (struct pollfd){.fd = -1};
 	*timeout_ms = -1;
@@ -383,7 +375,7 @@ void dio_control_process(struct dio_control *control)
 			dio_log_warn("%s; looking for it again", error.text);
 			lose_bus(control);
 		}
-	} else if (!is_off(control) && now_ns() >= control->retry_ns &&
+	} else if (!is_off(control) && dio_clock_ns() >= control->retry_ns &&
 		   find_bus(control, &error) == DIO_OK) {
 		dio_log_note("on the bus");
 	}

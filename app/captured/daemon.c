@@ -9,13 +9,13 @@
 #include <sys/eventfd.h>
 #include <sys/signalfd.h>
 #include <systemd/sd-daemon.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "captured/camera_thread.h"
 #include "captured/control.h"
 #include "captured/recording.h"
 #include "core/log.h"
+#include "dio/clock.h"
 #include "ring/ring.h"
 
 #define NS_PER_S 1000000000ull
@@ -34,14 +34,6 @@ struct daemon {
 	uint32_t readers;
 	char told[600]; /* the status line systemd has */
 };
-
-static uint64_t now_ns(void)
-{
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return (uint64_t)now.tv_sec * NS_PER_S + (uint64_t)now.tv_nsec;
-}
 
 /* Signals come through a descriptor; blocked before any thread starts, they reach none. */
 static enum dio_status open_descriptors(struct daemon *daemon, struct dio_error *error)
@@ -167,7 +159,7 @@ static uint64_t feed_period(const struct daemon *daemon)
  * comes round too: one that has not for half the time hangs in its driver. */
 static void feed_watchdog(struct daemon *daemon, const struct dio_capture_status *status)
 {
-	const uint64_t now = now_ns();
+	const uint64_t now = dio_clock_ns();
 
 	if (daemon->watchdog_ns == 0 || now < daemon->fed_ns + feed_period(daemon) ||
 	    now > status->heartbeat_ns + daemon->watchdog_ns / 2)
@@ -178,7 +170,7 @@ static void feed_watchdog(struct daemon *daemon, const struct dio_capture_status
 
 static void look_after(struct daemon *daemon, bool changed)
 {
-	const bool tick = now_ns() >= daemon->tick_ns;
+	const bool tick = dio_clock_ns() >= daemon->tick_ns;
 	struct dio_capture_status status;
 	struct dio_ring_counters ring;
 
@@ -191,7 +183,7 @@ static void look_after(struct daemon *daemon, bool changed)
 	if (!changed && !tick)
 		return;
 	if (tick)
-		daemon->tick_ns = now_ns() + TICK_NS;
+		daemon->tick_ns = dio_clock_ns() + TICK_NS;
 	go_on_recording(daemon, &status);
 	close_ended_recording(daemon);
 	tell_systemd(daemon, &status, &ring);
@@ -201,7 +193,7 @@ static void look_after(struct daemon *daemon, bool changed)
 /* The longest wait: until the next tick or feeding, or what the bus wants. */
 static int timeout_of(const struct daemon *daemon, int bus_ms)
 {
-	uint64_t until = daemon->tick_ns, now = now_ns();
+	uint64_t until = daemon->tick_ns, now = dio_clock_ns();
 	int ms;
 
 	if (daemon->watchdog_ns && daemon->fed_ns + feed_period(daemon) < until)

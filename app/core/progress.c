@@ -1,21 +1,14 @@
 #include "core/progress.h"
 
 #include <stdio.h>
-#include <time.h>
 #include <unistd.h>
+
+#include "dio/clock.h"
 
 #define BAR_CELLS     32
 #define SECOND_NS     1000000000u
 #define REDRAW_NS     (SECOND_NS / 10)
 #define LONG_ENOUGH_S 1.0
-
-uint64_t dio_clock_ns(void)
-{
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return (uint64_t)now.tv_sec * SECOND_NS + (uint64_t)now.tv_nsec;
-}
 
 void dio_progress_init(struct dio_progress *progress, const char *title)
 {

@@ -24,7 +24,4 @@ void dio_progress_done(struct dio_progress *progress);
 /** A dvsm_progress_fn: `context` is a struct dio_progress. Never cancels. */
 bool dio_progress_engine(void *context, double done);
 
-/** CLOCK_MONOTONIC now. */
-uint64_t dio_clock_ns(void);
-
 #endif

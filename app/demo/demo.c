@@ -9,9 +9,9 @@
 #include <unistd.h>
 
 #include "core/path.h"
-#include "core/progress.h"
 #include "core/scene_file.h"
 #include "demo/state.h"
+#include "dio/clock.h"
 
 /* The simulated hand rests at a new place each 1.5 s of the dance, and goes once round the table
  * in 40 s of the walk. */

@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "core/progress.h"
 #include "ctl_values.h"
+#include "dio/clock.h"
 
 #define PIECE_MS 100 /* a wait with a deadline looks up so often */
 

@@ -10,6 +10,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "dio/clock.h"
 #include "ring/listen.h"
 #include "ring/memory.h"
 
@@ -31,14 +32,6 @@ struct dio_ring_client {
 	uint64_t next;      /* index of the frame wanted next */
 	uint64_t retry_ns;  /* wait before the next try to connect */
 };
-
-static uint64_t now_ns(void)
-{
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return (uint64_t)now.tv_sec * NS_PER_S + (uint64_t)now.tv_nsec;
-}
 
 static void set_state(struct dio_ring_client *client, enum dio_capture_state state,
 		      const char *text)
@@ -272,7 +265,7 @@ enum dio_status dio_ring_client_acquire(struct dio_ring_client *client,
 					struct dio_ring_frame *frame, int64_t timeout_ns,
 					struct dio_error *error)
 {
-	const uint64_t start = now_ns(), wait = timeout_ns > 0 ? (uint64_t)timeout_ns : 0;
+	const uint64_t start = dio_clock_ns(), wait = timeout_ns > 0 ? (uint64_t)timeout_ns : 0;
 
 	for (;;) {
 		struct pollfd fd = {.fd = client->epoll, .events = POLLIN};
@@ -284,7 +277,7 @@ enum dio_status dio_ring_client_acquire(struct dio_ring_client *client,
 			client->state_changed = false;
 			return DIO_OK;
 		}
-		spent = now_ns() - start;
+		spent = dio_clock_ns() - start;
 		if (client->state_changed || spent >= wait) {
 			client->state_changed = false;
 			return fail_nothing(client, error);

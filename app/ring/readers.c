@@ -9,6 +9,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "dio/clock.h"
 #include "ring/listen.h"
 
 #define NS_PER_S      1000000000u
@@ -20,14 +21,6 @@
 
 /* What an epoll event speaks of: a connection's number, or one of these. */
 enum { EVENT_LISTENER = DIO_RING_READERS_MAX, EVENT_TIMER };
-
-static uint64_t now_ns(void)
-{
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return (uint64_t)now.tv_sec * NS_PER_S + (uint64_t)now.tv_nsec;
-}
 
 static int watch(struct dio_ring_readers *readers, int operation, int fd, uint32_t events,
 		 uint32_t what)
@@ -172,7 +165,7 @@ static void admit(struct dio_ring_readers *readers, int fd)
 	}
 	setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &send_buffer, sizeof(send_buffer));
 	*place = (struct dio_ring_connection){
-		.fd = fd, .pid = pid, .deadline_ns = now_ns() + HELLO_NS};
+		.fd = fd, .pid = pid, .deadline_ns = dio_clock_ns() + HELLO_NS};
 	set_timer(readers, TICK_NS);
 }
 
@@ -250,7 +243,7 @@ static void hear(struct dio_ring_readers *readers, struct dio_ring_connection *c
 
 static void tick(struct dio_ring_readers *readers)
 {
-	uint64_t expirations, now = now_ns();
+	uint64_t expirations, now = dio_clock_ns();
 	bool pending = false;
 
 	if (read(readers->timer, &expirations, sizeof(expirations)) < 0)

@@ -3,8 +3,8 @@
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
+#include "dio/clock.h"
 #include "ring/memory.h"
 #include "ring/readers.h"
 
@@ -20,14 +20,6 @@ struct dio_ring_server {
 	_Atomic uint64_t memory_bytes;
 	_Atomic uint32_t state;
 };
-
-static uint64_t now_ns(void)
-{
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
-}
 
 enum dio_status dio_ring_server_create(const struct dio_ring_server_options *options,
 				       struct dio_ring_server **server, struct dio_error *error)
@@ -102,7 +94,7 @@ static void write_slot(struct dio_ring_slot *slot, const struct dio_frame *frame
 {
 	slot->sequence = frame->sequence;
 	slot->timestamp_ns = frame->timestamp_ns;
-	slot->published_ns = now_ns();
+	slot->published_ns = dio_clock_ns();
 	slot->size_bytes = frame->size_bytes;
 	slot->format = (uint32_t)frame->format;
 	slot->width = frame->width;

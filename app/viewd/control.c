@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "core/log.h"
-#include "core/progress.h"
+#include "dio/clock.h"
 #include "viewd/viewd.h"
 
 #define ACTION       "org.diorama.view.control"

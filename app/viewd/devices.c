@@ -3,7 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "core/progress.h"
+#include "dio/clock.h"
 #include "viewd/viewd.h"
 
 enum device { DISPLAY, BUTTONS, LEDS, PAGE };

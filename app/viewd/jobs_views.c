@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "core/progress.h"
+#include "dio/clock.h"
 #include "viewd/jobs.h"
 
 #define PROGRESS_STEPS 1000

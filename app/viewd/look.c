@@ -6,8 +6,8 @@
 #include <string.h>
 
 #include "core/path.h"
-#include "core/progress.h"
 #include "core/scene_file.h"
+#include "dio/clock.h"
 #include "viewd/viewd.h"
 
 /* When there are views of the board enough for a fit, and how many more after one that failed. A

@@ -8,7 +8,7 @@
 #include "core/json_out.h"
 #include "core/log.h"
 #include "core/path.h"
-#include "core/progress.h"
+#include "dio/clock.h"
 #include "viewd/jobs.h"
 
 /* Who has not asked for so long has gone. */

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "core/progress.h"
+#include "dio/clock.h"
 #include "viewd/jobs.h"
 
 #define RATE_DEFAULT 30.0

@@ -9,7 +9,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
-#include "core/progress.h"
+#include "dio/clock.h"
 #include "ring/ring_client.h"
 
 #define WAIT_NS INT64_C(100000000)

@@ -7,8 +7,8 @@
 
 #include "core/log.h"
 #include "core/path.h"
-#include "core/progress.h"
 #include "dio/calibration.h"
+#include "dio/clock.h"
 
 #define TICK_US UINT64_C(250000) /* figures, devices that come back, LEDs */
 

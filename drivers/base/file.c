@@ -2,6 +2,8 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <glob.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -74,4 +76,18 @@ out:
 	free(memory);
 	close(fd);
 	return status;
+}
+
+bool dio_file_match(const char *pattern, uint32_t index, char *path, size_t path_size)
+{
+	glob_t found;
+	bool there;
+
+	if (glob(pattern, 0, NULL, &found) != 0)
+		return false;
+	there = index < found.gl_pathc;
+	if (there)
+		snprintf(path, path_size, "%s", found.gl_pathv[index]);
+	globfree(&found);
+	return there;
 }

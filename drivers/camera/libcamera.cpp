@@ -23,8 +23,8 @@
 #include <libcamera/libcamera.h>
 #include <libcamera/version.h>
 
+#include "dio/clock.h"
 #include "libcamera_values.h"
-#include "pace.h"
 
 namespace lc = libcamera;
 namespace c = libcamera::controls;
@@ -480,12 +480,12 @@ bool is_broken(session &own, dio_pixel_format format, const lc::FrameBuffer *buf
 dio_status take(libcamera_camera *camera, int64_t timeout_ns, lc::Request **taken, dio_error *error)
 {
 	session &own = *camera->own;
-	const uint64_t deadline_ns = dio_pace_now_ns() + static_cast<uint64_t>(timeout_ns);
+	const uint64_t deadline_ns = dio_clock_ns() + static_cast<uint64_t>(timeout_ns);
 	lc::Request *newest = nullptr;
 	dio_status status = DIO_OK;
 
 	for (;;) {
-		const uint64_t now = dio_pace_now_ns();
+		const uint64_t now = dio_clock_ns();
 		const int64_t left =
 			newest || now >= deadline_ns ? 0 : static_cast<int64_t>(deadline_ns - now);
 		lc::Request *request = wait_completed(own, left);
@@ -568,7 +568,7 @@ dio_status lend(libcamera_camera *camera, lc::Request *request, dio_frame *frame
 	lent.sequence = metadata.sequence;
 	lent.timestamp_ns =
 		dio_libcamera_time(sensor && *sensor > 0 ? static_cast<uint64_t>(*sensor) : 0,
-				   metadata.timestamp, dio_pace_now_ns(), sleep_ns());
+				   metadata.timestamp, dio_clock_ns(), sleep_ns());
 	lent.data = in_one_piece(camera, own.buffers[buffer], config.stride);
 	lent.size_bytes = lent.format == DIO_PIXEL_MJPEG ? metadata.planes()[0].bytesused
 							 : own.frame_bytes_min;

@@ -3,19 +3,13 @@
 #include <errno.h>
 #include <time.h>
 
+#include "dio/clock.h"
+
 #define NS_PER_S 1000000000u
-
-uint64_t dio_pace_now_ns(void)
-{
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return (uint64_t)now.tv_sec * NS_PER_S + (uint64_t)now.tv_nsec;
-}
 
 bool dio_pace_wait(uint64_t due_ns, int64_t timeout_ns)
 {
-	uint64_t now = dio_pace_now_ns();
+	uint64_t now = dio_clock_ns();
 	uint64_t until = due_ns;
 	struct timespec ts;
 

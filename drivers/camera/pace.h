@@ -9,9 +9,6 @@
 extern "C" {
 #endif
 
-/** CLOCK_MONOTONIC. */
-uint64_t dio_pace_now_ns(void);
-
 /** Sleep until `due_ns` but no longer than `timeout_ns`; true when it is due. */
 bool dio_pace_wait(uint64_t due_ns, int64_t timeout_ns);
 

@@ -10,6 +10,7 @@
 #include <unistd.h>
 #include <zlib.h>
 
+#include "dio/clock.h"
 #include "dio/file.h"
 #include "folder.h"
 #include "pace.h"
@@ -62,7 +63,7 @@ static enum dio_status replay_start(struct dio_camera *camera, struct dio_error 
 	(void)error;
 	/* Goes on where it was stopped. */
 	if (replay->next < replay->count)
-		replay->epoch_ns = dio_pace_now_ns() - offset_of(replay, replay->next);
+		replay->epoch_ns = dio_clock_ns() - offset_of(replay, replay->next);
 	return DIO_OK;
 }
 
@@ -199,8 +200,7 @@ static enum dio_status replay_acquire(struct dio_camera *camera, struct dio_fram
 			return dio_fail(error, DIO_AGAIN, "%s: frame %zu is not due yet",
 					replay->folder, replay->next);
 		while (!camera->options.every_frame && replay->next + 1 < replay->count &&
-		       replay->epoch_ns + offset_of(replay, replay->next + 1) <=
-			       dio_pace_now_ns()) {
+		       replay->epoch_ns + offset_of(replay, replay->next + 1) <= dio_clock_ns()) {
 			count_gap(replay, replay->next++);
 			camera->counters.drained++;
 		}

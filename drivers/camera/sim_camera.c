@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "dio/clock.h"
 #include "pace.h"
 #include "sim_spec.h"
 #include "sim_truth.h"
@@ -86,7 +87,7 @@ static enum dio_status sim_start(struct dio_camera *camera, struct dio_error *er
 	(void)error;
 	sim->epoch_ns = 0;
 	if (!camera->options.as_fast_as_possible)
-		sim->epoch_ns = dio_pace_now_ns() - time_of(sim, sim->next);
+		sim->epoch_ns = dio_clock_ns() - time_of(sim, sim->next);
 	return DIO_OK;
 }
 
@@ -118,7 +119,7 @@ static bool keep_pace(struct sim *sim, int64_t timeout_ns)
 
 	if (!dio_pace_wait(time_of(sim, sim->next), timeout_ns))
 		return false;
-	now = dio_pace_now_ns();
+	now = dio_clock_ns();
 	while (!sim->base.options.every_frame && !at_end(sim, sim->next + 1) &&
 	       time_of(sim, sim->next + 1) <= now) {
 		sim->next++;

@@ -6,7 +6,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "pace.h"
+#include "dio/clock.h"
 
 static int kernel_open(void *context, const char *path, int flags)
 {
@@ -53,7 +53,7 @@ static int kernel_poll(void *context, struct pollfd *fd, int timeout_ms)
 static uint64_t kernel_now_ns(void *context)
 {
 	(void)context;
-	return dio_pace_now_ns();
+	return dio_clock_ns();
 }
 
 const struct dio_v4l2_system dio_v4l2_kernel = {

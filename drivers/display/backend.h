@@ -45,9 +45,6 @@ struct dio_display_mode {
 enum dio_status dio_display_mode_parse(const char *text, struct dio_display_mode *mode,
 				       struct dio_error *error);
 
-/** CLOCK_MONOTONIC. */
-uint64_t dio_display_now_ns(void);
-
 /** `path` is what follows "file:", or NULL: none. */
 enum dio_status dio_display_open_paced(const char *path, const struct dio_display_mode *mode,
 				       const struct dio_display_options *options,

@@ -2,27 +2,19 @@
 
 #include <ctype.h>
 #include <errno.h>
-#include <glob.h>
 #include <math.h>
 #include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <time.h>
 
 #include "backend.h"
+#include "dio/clock.h"
+#include "dio/file.h"
 
 #define SIDE_MAX 16384
 #define HZ_MAX   1000.0
-
-uint64_t dio_display_now_ns(void)
-{
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
-}
 
 static enum dio_status fail_mode(const char *text, struct dio_error *error)
 {
@@ -136,15 +128,11 @@ enum dio_status dio_display_open(const char *spec, const struct dio_display_opti
 	return dio_display_open_paced(NULL, &mode, options, display, error);
 }
 
-/* Is there something that matches? */
 static bool exists(const char *pattern)
 {
-	glob_t found;
-	bool some = glob(pattern, 0, NULL, &found) == 0;
+	char path[128];
 
-	if (some)
-		globfree(&found);
-	return some;
+	return dio_file_match(pattern, 0, path, sizeof path);
 }
 
 static enum dio_status check_card(const char *card, const char *connector, struct dio_error *error)
@@ -252,7 +240,7 @@ static bool pop(struct dio_display *display, struct dio_display_event *event)
 enum dio_status dio_display_poll(struct dio_display *display, int64_t timeout_ns,
 				 struct dio_display_event *event, struct dio_error *error)
 {
-	const uint64_t begin_ns = dio_display_now_ns();
+	const uint64_t begin_ns = dio_clock_ns();
 	struct pollfd waiting = {.fd = display->fd, .events = POLLIN};
 
 	for (;;) {
@@ -266,7 +254,7 @@ enum dio_status dio_display_poll(struct dio_display *display, int64_t timeout_ns
 			return DIO_OK;
 		if (status != DIO_OK)
 			return status;
-		left_ns -= (int64_t)(dio_display_now_ns() - begin_ns);
+		left_ns -= (int64_t)(dio_clock_ns() - begin_ns);
 		if (left_ns <= 0)
 			return DIO_AGAIN;
 		if (left_ns > INT32_MAX * (int64_t)1000000)

@@ -3,7 +3,6 @@
 #include <drm_fourcc.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <glob.h>
 #include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,21 +12,15 @@
 #include <unistd.h>
 #include <xf86drm.h>
 
+#include "dio/clock.h"
+#include "dio/file.h"
+
 #define EVENT_BYTES 1024
 
 static bool list_cards(void *context, uint32_t index, char *path, size_t path_size)
 {
-	glob_t found;
-	bool there;
-
 	(void)context;
-	if (glob("/dev/dri/card*", 0, NULL, &found) != 0)
-		return false;
-	there = index < found.gl_pathc;
-	if (there)
-		snprintf(path, path_size, "%s", found.gl_pathv[index]);
-	globfree(&found);
-	return there;
+	return dio_file_match("/dev/dri/card*", index, path, path_size);
 }
 
 static void watch(const struct dio_drm_card *card, int fd)
@@ -455,7 +448,7 @@ static int reclaim(void *context, void *opaque)
 static uint64_t now_ns(void *context)
 {
 	(void)context;
-	return dio_display_now_ns();
+	return dio_clock_ns();
 }
 
 const struct dio_kms_system dio_kms_kernel = {

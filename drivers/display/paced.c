@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "backend.h"
+#include "dio/clock.h"
 #include "dio/video.h"
 #include "fit.h"
 
@@ -44,7 +45,7 @@ static enum dio_status paced_close(struct dio_display *base, struct dio_error *e
 /* The first tick of the display's clock that is not past. */
 static uint64_t next_tick_ns(const struct paced *paced)
 {
-	const uint64_t elapsed_ns = dio_display_now_ns() - paced->begin_ns;
+	const uint64_t elapsed_ns = dio_clock_ns() - paced->begin_ns;
 
 	return paced->begin_ns + (elapsed_ns / paced->period_ns + 1) * paced->period_ns;
 }
@@ -141,7 +142,7 @@ enum dio_status dio_display_open_paced(const char *path, const struct dio_displa
 							  : DIO_DISPLAY_HZ;
 	snprintf(info->name, sizeof(info->name), path ? "file %s" : "none", path);
 	paced->period_ns = (uint64_t)(NS_PER_S / info->refresh_hz);
-	paced->begin_ns = dio_display_now_ns();
+	paced->begin_ns = dio_clock_ns();
 	status = set_up(paced, path, options, error);
 	if (status != DIO_OK) {
 		paced_close(&paced->base, NULL);

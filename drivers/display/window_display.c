@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "backend.h"
+#include "dio/clock.h"
 #include "dio/window.h"
 
 /* SDL has no descriptor to wait on: its events are asked for so often. */
@@ -24,7 +25,7 @@ static enum dio_status window_show(struct dio_display *base, const struct dio_pi
 	struct window_display *display = (struct window_display *)base;
 	enum dio_status status = dio_window_show(display->window, picture, error);
 	const struct dio_display_event event = {
-		.kind = DIO_DISPLAY_FLIPPED, .time_ns = dio_display_now_ns(), .tag = tag};
+		.kind = DIO_DISPLAY_FLIPPED, .time_ns = dio_clock_ns(), .tag = tag};
 	const struct itimerspec at_once = {.it_interval = {.tv_nsec = LOOK_NS},
 					   .it_value = {.tv_nsec = 1}};
 
@@ -40,7 +41,7 @@ static enum dio_status window_show(struct dio_display *base, const struct dio_pi
 static enum dio_status window_dispatch(struct dio_display *base, struct dio_error *error)
 {
 	struct window_display *display = (struct window_display *)base;
-	struct dio_display_event event = {.time_ns = dio_display_now_ns()};
+	struct dio_display_event event = {.time_ns = dio_clock_ns()};
 	struct dio_window_input input;
 	uint64_t ticks;
 

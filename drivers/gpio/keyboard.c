@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include "chips.h"
+#include "dio/clock.h"
 #include "dio/gpio.h"
 
 #define FOLDER      "/dev/input"
@@ -222,7 +223,7 @@ static void release_keys(const struct dio_keyboard *keyboard, const struct devic
 {
 	for (uint32_t i = 0; i < keyboard->key_count; i++)
 		if (libevdev_get_event_value(device->evdev, EV_KEY, keyboard->keys[i]) == 1)
-			report(context, keyboard->keys[i], false, dio_gpio_now_ns(NULL));
+			report(context, keyboard->keys[i], false, dio_clock_ns());
 }
 
 /* Something changed where devices are. */

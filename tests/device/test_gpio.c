@@ -6,10 +6,10 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "device.h"
+#include "dio/clock.h"
 #include "dio/gpio.h"
 
 #define CONFIG         "/sys/kernel/config/gpio-sim"
@@ -88,22 +88,14 @@ static bool is_high(int line)
 	return strcmp(value, "1") == 0;
 }
 
-static uint64_t now_ns(void)
-{
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
-}
-
 /* Keep the hand still for so long, reading as the appliance does; what comes must be nothing. */
 static void hold_ms(struct fixture *fixture, int ms)
 {
-	const uint64_t end_ns = now_ns() + (uint64_t)ms * 1000000u;
+	const uint64_t end_ns = dio_clock_ns() + (uint64_t)ms * 1000000u;
 	struct pollfd waiting = {.fd = dio_buttons_get_fd(fixture->buttons), .events = POLLIN};
 
-	while (now_ns() < end_ns) {
-		poll(&waiting, 1, (int)((end_ns - now_ns()) / 1000000u) + 1);
+	while (dio_clock_ns() < end_ns) {
+		poll(&waiting, 1, (int)((end_ns - dio_clock_ns()) / 1000000u) + 1);
 		assert_int_equal(
 			dio_buttons_read(fixture->buttons, &fixture->event, &fixture->error),
 			DIO_AGAIN);
@@ -113,18 +105,18 @@ static void hold_ms(struct fixture *fixture, int ms)
 static void expect(struct fixture *fixture, uint32_t button, enum dio_press press)
 {
 	struct pollfd waiting = {.fd = dio_buttons_get_fd(fixture->buttons), .events = POLLIN};
-	const uint64_t end_ns = now_ns() + 5000000000u;
+	const uint64_t end_ns = dio_clock_ns() + 5000000000u;
 	enum dio_status status;
 
 	while ((status = dio_buttons_read(fixture->buttons, &fixture->event, &fixture->error)) ==
 		       DIO_AGAIN &&
-	       now_ns() < end_ns)
+	       dio_clock_ns() < end_ns)
 		poll(&waiting, 1, 5000);
 	assert_ok(status, fixture->error);
 	assert_int_equal(fixture->event.button, button);
 	assert_int_equal(fixture->event.press, press);
-	assert_true(fixture->event.timestamp_ns <= now_ns() &&
-		    fixture->event.timestamp_ns + 5000000000u > now_ns());
+	assert_true(fixture->event.timestamp_ns <= dio_clock_ns() &&
+		    fixture->event.timestamp_ns + 5000000000u > dio_clock_ns());
 }
 
 static int set_up(void **state)

@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "device.h"
+#include "dio/clock.h"
 #include "dio/gpio.h"
 
 static const struct dio_button_options BUTTONS[] = {
@@ -40,10 +41,7 @@ static void press(int fd, uint32_t key, int value)
 
 static uint64_t now_ms(void)
 {
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return (uint64_t)now.tv_sec * 1000u + (uint64_t)now.tv_nsec / 1000000u;
+	return dio_clock_ns() / 1000000u;
 }
 
 /* The next press within that time. */

@@ -4,10 +4,10 @@
 #include <glob.h>
 #include <stdio.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "device.h"
+#include "dio/clock.h"
 #include "dio/display.h"
 
 #define S_NS     1000000000
@@ -74,14 +74,6 @@ static void expect_kind(struct fixture *fixture, enum dio_display_event_kind kin
 	assert_int_equal(fixture->event.kind, kind);
 }
 
-static uint64_t now_ns(void)
-{
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return (uint64_t)now.tv_sec * S_NS + (uint64_t)now.tv_nsec;
-}
-
 static bool is_enough(uint64_t pictures, uint64_t elapsed_ns)
 {
 	return pictures > ENOUGH && elapsed_ns > ENOUGH_NS;
@@ -117,10 +109,10 @@ static void pictures_faster_than_the_screen_are_replaced_never_waited_for(void *
 {
 	struct fixture *fixture = *state;
 	struct dio_display_counters counters;
-	const uint64_t begin_ns = now_ns();
+	const uint64_t begin_ns = dio_clock_ns();
 	uint64_t seen = 0, last = 0, tag;
 
-	for (tag = 1; tag <= PICTURES && !is_enough(tag, now_ns() - begin_ns); tag++) {
+	for (tag = 1; tag <= PICTURES && !is_enough(tag, dio_clock_ns() - begin_ns); tag++) {
 		draw(&fixture->picture, tag);
 		assert_ok(
 			dio_display_show(fixture->display, &fixture->picture, tag, &fixture->error),

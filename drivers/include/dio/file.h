@@ -1,7 +1,8 @@
-/* Reading a whole file. */
+/* Finding files, and reading a whole one. */
 #ifndef DIO_FILE_H
 #define DIO_FILE_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -21,6 +22,9 @@ extern "C" {
  */
 enum dio_status dio_file_read(const char *path, size_t max_bytes, uint8_t **bytes, size_t *size,
 			      struct dio_error *error);
+
+/** Path number `index`, in alphabetical order, of those that match; false behind the last one. */
+bool dio_file_match(const char *pattern, uint32_t index, char *path, size_t path_size);
 
 #ifdef __cplusplus
 }

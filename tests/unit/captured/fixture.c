@@ -16,16 +16,15 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "dio/clock.h"
+
 #define ARGUMENTS_MAX 24
 
 extern char **environ;
 
 int64_t monotonic_ns(void)
 {
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return now.tv_sec * SECOND_NS + now.tv_nsec;
+	return (int64_t)dio_clock_ns();
 }
 
 static void nap(void)

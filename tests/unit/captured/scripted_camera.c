@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "dio/camera.h"
+#include "dio/clock.h"
 
 #define NS_PER_S   1000000000ull
 #define WRAP(name) __wrap_dio_camera_##name
@@ -33,14 +34,6 @@ enum dio_status WRAP(set_controls)(struct dio_camera *camera, const struct dio_c
 				   struct dio_camera_controls *done, struct dio_error *error);
 enum dio_status WRAP(get_controls)(struct dio_camera *camera, struct dio_camera_controls *now,
 				   struct dio_error *error);
-
-static uint64_t now_ns(void)
-{
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return (uint64_t)now.tv_sec * NS_PER_S + (uint64_t)now.tv_nsec;
-}
 
 static void sleep_until(uint64_t until_ns)
 {
@@ -105,7 +98,7 @@ void WRAP(close)(struct dio_camera *camera)
 enum dio_status WRAP(start)(struct dio_camera *camera, struct dio_error *error)
 {
 	(void)error;
-	camera->due_ns = now_ns();
+	camera->due_ns = dio_clock_ns();
 	return DIO_OK;
 }
 
@@ -135,7 +128,7 @@ static void paint(struct dio_camera *camera, struct dio_frame *frame)
 enum dio_status WRAP(acquire)(struct dio_camera *camera, struct dio_frame *frame,
 			      int64_t timeout_ns, struct dio_error *error)
 {
-	const uint64_t until = now_ns() + (uint64_t)timeout_ns;
+	const uint64_t until = dio_clock_ns() + (uint64_t)timeout_ns;
 	const uint32_t rate = atomic_load(&camera->script->rate);
 
 	switch (atomic_load(&camera->script->mode)) {
@@ -159,8 +152,8 @@ enum dio_status WRAP(acquire)(struct dio_camera *camera, struct dio_frame *frame
 		break;
 	}
 	camera->due_ns += NS_PER_S / (rate ? rate : 100);
-	if (camera->due_ns + NS_PER_S < now_ns())
-		camera->due_ns = now_ns();
+	if (camera->due_ns + NS_PER_S < dio_clock_ns())
+		camera->due_ns = dio_clock_ns();
 	sleep_until(camera->due_ns);
 	paint(camera, frame);
 	return DIO_OK;

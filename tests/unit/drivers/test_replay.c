@@ -7,8 +7,8 @@
 #include <unistd.h>
 
 #include "dio/camera.h"
+#include "dio/clock.h"
 #include "folder.h"
-#include "pace.h"
 #include "scratch.h"
 
 #define SECOND_NS 1000000000ll
@@ -172,12 +172,12 @@ static void a_folder_keeps_the_pace_that_is_wished(void **state)
 	write_numbered(*state, "2.png", 2);
 	write_numbered(*state, "3.png", 3);
 	camera = start(*state, &slow);
-	begun = dio_pace_now_ns();
+	begun = dio_clock_ns();
 	assert_ok(dio_camera_acquire(camera, &frame, 0, &error), error);
 	assert_fails(dio_camera_acquire(camera, &frame, 0, &error), DIO_AGAIN, error, "not due");
 	assert_ok(dio_camera_acquire(camera, &frame, SECOND_NS, &error), error);
 	assert_ok(dio_camera_acquire(camera, &frame, SECOND_NS, &error), error);
-	assert_true(dio_pace_now_ns() - begun > 90000000);
+	assert_true(dio_clock_ns() - begun > 90000000);
 	assert_int_equal(frame.timestamp_ns, 100000000);
 	dio_camera_close(camera);
 

@@ -11,6 +11,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "dio/clock.h"
+
 static char folder[64];
 
 int ring_fixture_setup(void **state)
@@ -154,7 +156,7 @@ int ring_fixture_connect(const char *path)
 
 void ring_fixture_await_readers(struct dio_ring_server *server, uint32_t readers)
 {
-	const uint64_t deadline = ring_fixture_now_ns() + 5 * SECOND_NS;
+	const uint64_t deadline = dio_clock_ns() + 5 * SECOND_NS;
 	struct dio_ring_counters counters;
 
 	for (;;) {
@@ -164,16 +166,8 @@ void ring_fixture_await_readers(struct dio_ring_server *server, uint32_t readers
 		dio_ring_server_get_counters(server, &counters);
 		if (counters.readers == readers)
 			return;
-		if (ring_fixture_now_ns() > deadline)
+		if (dio_clock_ns() > deadline)
 			fail_msg("%u readers, %u were expected", counters.readers, readers);
 		poll(&fd, 1, 100);
 	}
-}
-
-uint64_t ring_fixture_now_ns(void)
-{
-	struct timespec now;
-
-	clock_gettime(CLOCK_MONOTONIC, &now);
-	return (uint64_t)now.tv_sec * SECOND_NS + (uint64_t)now.tv_nsec;
 }

@@ -44,7 +44,4 @@ int ring_fixture_connect(const char *path);
 /** Dispatch until `readers` are greeted; fails the test after five seconds. */
 void ring_fixture_await_readers(struct dio_ring_server *server, uint32_t readers);
 
-/** Monotonic now. */
-uint64_t ring_fixture_now_ns(void);
-
 #endif

@@ -7,6 +7,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "dio/clock.h"
+
 #define SIZE   60000
 #define FRAMES 1500u
 
@@ -17,7 +19,7 @@ static int read_until(const char *path, enum dio_ring_order order, uint64_t last
 {
 	const struct dio_ring_client_options options = {
 		.path = path, .name = "child", .order = order};
-	const uint64_t deadline = ring_fixture_now_ns() + 60 * SECOND_NS;
+	const uint64_t deadline = dio_clock_ns() + 60 * SECOND_NS;
 	struct dio_ring_client *client;
 	struct dio_ring_frame frame;
 	struct dio_error error;
@@ -29,7 +31,7 @@ static int read_until(const char *path, enum dio_ring_order order, uint64_t last
 		free(copy);
 		return CHILD_NO_CLIENT;
 	}
-	while (ring_fixture_now_ns() < deadline) {
+	while (dio_clock_ns() < deadline) {
 		if (dio_ring_client_acquire(client, &frame, SECOND_NS, &error) != DIO_OK)
 			continue;
 		if (frame.frame.sequence < seen) {
@@ -143,7 +145,7 @@ static void one_thread_publishes_while_another_serves(void **state)
 	const char *path = ring_fixture_path("frames");
 	struct dio_ring_server *server = ring_fixture_server(path, 4);
 	struct ring_pump *pump = ring_pump_start(server);
-	const uint64_t deadline = ring_fixture_now_ns() + 5 * SECOND_NS;
+	const uint64_t deadline = dio_clock_ns() + 5 * SECOND_NS;
 	struct dio_ring_counters counters = {0};
 	struct dio_ring_reader readers[4];
 	char own_path[100];
@@ -155,7 +157,7 @@ static void one_thread_publishes_while_another_serves(void **state)
 		own_path[i] = path[i];
 	for (size_t i = 0; i < 2; i++)
 		assert_int_equal(pthread_create(&threads[i], NULL, thread_run, own_path), 0);
-	while (counters.readers < 2 && ring_fixture_now_ns() < deadline)
+	while (counters.readers < 2 && dio_clock_ns() < deadline)
 		dio_ring_server_get_counters(server, &counters);
 	assert_int_equal(counters.readers, 2);
 	for (uint64_t i = 0; i < FRAMES; i++) {

@@ -7,6 +7,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "dio/clock.h"
+
 #define SIZE 1000
 
 struct pair {
@@ -76,7 +78,7 @@ static void a_frame_arrives_with_all_that_is_known_of_it(void **state)
 	assert_int_equal(frame->metadata.locked, DIO_LOCK_EXPOSURE);
 	assert_int_equal(pair.frame.index, 0);
 	assert_int_equal(pair.frame.state, DIO_CAPTURE_STREAMING);
-	assert_true(pair.frame.published_ns <= ring_fixture_now_ns());
+	assert_true(pair.frame.published_ns <= dio_clock_ns());
 	expect_nothing(&pair);
 	pair_deinit(&pair);
 }
@@ -267,12 +269,12 @@ static void a_client_finds_the_daemon_when_it_comes_and_when_it_comes_back(void 
 	for (uint32_t round = 1; round <= 3; round++) {
 		struct dio_ring_server *server = ring_fixture_server(path, 0);
 		struct ring_pump *pump = ring_pump_start(server);
-		const uint64_t deadline = ring_fixture_now_ns() + 2 * SECOND_NS;
+		const uint64_t deadline = dio_clock_ns() + 2 * SECOND_NS;
 
 		do {
 			dio_ring_client_acquire(client, &frame, SECOND_NS, &error);
 			dio_ring_client_get_status(client, &status);
-			assert_true(ring_fixture_now_ns() < deadline);
+			assert_true(dio_clock_ns() < deadline);
 		} while (status.state == DIO_CAPTURE_ABSENT);
 		assert_int_equal(status.connections, round);
 		ring_fixture_publish(server, SIZE * round, round);
