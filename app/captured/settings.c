@@ -6,7 +6,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "core/log.h"
 #include "profile/profile.h"
@@ -43,7 +42,7 @@ static void print_help(void)
 {
 	puts("diorama-captured: own the camera, share its newest frames\n\n"
 	     "usage: diorama-captured [options]\n\noptions:\n"
-	     "  --profile FILE   board profile; " DIO_CAPTURED_PROFILE_DEFAULT " when that exists\n"
+	     "  --profile FILE   board profile; " DIO_PROFILE_BOARD " when that exists\n"
 	     "  --camera SPEC    v4l2:/dev/video0, libcamera:0, sim:table?seed=1, replay:FOLDER\n"
 	     "  --size WxH       picture size wished; 0x0: the device's choice\n"
 	     "  --fps RATE       frames a second wished; 0: the device's choice\n"
@@ -183,10 +182,7 @@ static enum dio_settings_result read_profile(struct dio_captured_settings *setti
 		dio_log_error("no memory for the profile");
 		return result;
 	}
-	dio_profile_init(profile);
-	if (!path && access(DIO_CAPTURED_PROFILE_DEFAULT, F_OK) == 0)
-		path = DIO_CAPTURED_PROFILE_DEFAULT;
-	if (path && dio_profile_read(path, profile, NULL, &error) != DIO_OK)
+	if (dio_profile_load(path, profile, &error) != DIO_OK)
 		dio_log_error("%s", error.text);
 	else if (apply_profile(settings, profile))
 		result = DIO_SETTINGS_RUN;

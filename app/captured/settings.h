@@ -8,8 +8,6 @@
 #include "dio/camera.h"
 #include "dio/status.h"
 
-#define DIO_CAPTURED_PROFILE_DEFAULT "/etc/diorama/board.ini"
-
 struct dio_captured_settings {
 	char camera[256]; /* as dio_camera_open() takes it */
 	struct dio_camera_options options;

@@ -4,16 +4,10 @@
 #include <stdio.h>
 
 static const char *program = "diorama";
-static bool quiet;
 
 void dio_log_set_program(const char *name)
 {
 	program = name;
-}
-
-void dio_log_set_quiet(bool on)
-{
-	quiet = on;
 }
 
 /* One call of vfprintf a line keeps lines of several threads whole. */
@@ -48,8 +42,6 @@ void dio_log_note(const char *format, ...)
 {
 	va_list arguments;
 
-	if (quiet)
-		return;
 	va_start(arguments, format);
 	print_line("", format, arguments);
 	va_end(arguments);

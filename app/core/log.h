@@ -2,13 +2,8 @@
 #ifndef DIO_APP_LOG_H
 #define DIO_APP_LOG_H
 
-#include <stdbool.h>
-
 /** The name before each line ("diorama"); a constant string. Set once, before any thread starts. */
 void dio_log_set_program(const char *name);
-
-/** Errors are always printed; notices are not when the user asked for quiet. */
-void dio_log_set_quiet(bool quiet);
 
 __attribute__((format(printf, 1, 2))) void dio_log_error(const char *format, ...);
 __attribute__((format(printf, 1, 2))) void dio_log_warn(const char *format, ...);

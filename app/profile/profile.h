@@ -123,6 +123,16 @@ void dio_profile_init(struct dio_profile *profile);
 enum dio_status dio_profile_read(const char *path, struct dio_profile *profile,
 				 struct dio_profile_report *report, struct dio_error *error);
 
+/** The profile of the board that this is, where an owner or a package put one. */
+#define DIO_PROFILE_BOARD "/etc/diorama/board.ini"
+
+/**
+ * The profile a daemon runs by: the one at `path`; with NULL that of the board, when there is one;
+ * else what dio_profile_init() gives. As dio_profile_read().
+ */
+enum dio_status dio_profile_load(const char *path, struct dio_profile *profile,
+				 struct dio_error *error);
+
 /** What a press of the button asks for. */
 enum dio_action dio_profile_get_action(const struct dio_profile *profile,
 				       const struct dio_button_event *event);

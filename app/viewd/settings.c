@@ -3,7 +3,6 @@
 #include <getopt.h>
 #include <stdio.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "core/log.h"
 
@@ -23,7 +22,7 @@ static void print_help(void)
 {
 	puts("diorama-viewd: track, capture, reconstruct and show\n\n"
 	     "usage: diorama-viewd [options]\n\noptions:\n"
-	     "  --profile FILE     board profile; " DIO_VIEWD_PROFILE_DEFAULT " when that exists\n"
+	     "  --profile FILE     board profile; " DIO_PROFILE_BOARD " when that exists\n"
 	     "  --display SPEC     kms, window, file:PATH.mp4 or none\n"
 	     "  --state FOLDER     calibration, captures and scenes\n"
 	     "  --runtime FOLDER   where the capture daemon's socket is\n"
@@ -34,19 +33,6 @@ static void print_help(void)
 	     "Options override the profile. `diorama ctl` speaks to a running daemon. Exit "
 	     "status:\n"
 	     "0 ended as asked, 1 failed, 2 wrong usage.");
-}
-
-static bool read_profile(struct dio_profile *profile, const char *path)
-{
-	struct dio_error why = {""};
-
-	dio_profile_init(profile);
-	if (!path && access(DIO_VIEWD_PROFILE_DEFAULT, F_OK) == 0)
-		path = DIO_VIEWD_PROFILE_DEFAULT;
-	if (!path || dio_profile_read(path, profile, NULL, &why) == DIO_OK)
-		return true;
-	dio_log_error("%s", why.text);
-	return false;
 }
 
 /* Where an option's value goes; NULL: elsewhere. */
@@ -85,6 +71,7 @@ static int set_option(struct dio_viewd_settings *settings, int code, const char 
 int dio_viewd_settings_read(struct dio_viewd_settings *settings, int argc, char **argv)
 {
 	const char *profile = NULL;
+	struct dio_error why = {""};
 	int code, result = DIO_VIEWD_RUN;
 
 	settings->bus = NULL;
@@ -105,8 +92,10 @@ int dio_viewd_settings_read(struct dio_viewd_settings *settings, int argc, char 
 		dio_log_error("%s: no argument is taken; see --help", argv[optind]);
 		return 2;
 	}
-	if (!read_profile(&settings->profile, profile))
+	if (dio_profile_load(profile, &settings->profile, &why) != DIO_OK) {
+		dio_log_error("%s", why.text);
 		return 1;
+	}
 	optind = 1;
 	while (result == DIO_VIEWD_RUN &&
 	       (code = getopt_long(argc, argv, "h", OPTIONS, NULL)) != -1)

@@ -4,8 +4,6 @@
 
 #include "profile/profile.h"
 
-#define DIO_VIEWD_PROFILE_DEFAULT "/etc/diorama/board.ini"
-
 struct dio_viewd_settings {
 	struct dio_profile profile;
 	const char *bus; /* from argv, NULL: the default */
