@@ -57,39 +57,4 @@ static void place(const struct dvsm_fixed_attention *job, struct query queries[Q
 	}
 }
 
-/* Queries `first` and on; a group that is not full repeats the last one. */
-static void attend(const struct dvsm_fixed_attention *job, struct query queries[QUERIES],
-		   size_t first, size_t count)
-{
-	const size_t width = job->head_width;
-
-	for (size_t i = 0; i < QUERIES; i++)
-		start(job, first + (i < count ? i : count - 1), &queries[i]);
-	for (size_t key = 0; key < job->keys; key += DVSM_FIXED_KEYS) {
-		size_t left = job->keys - key;
-		size_t keys = left < DVSM_FIXED_KEYS ? left : DVSM_FIXED_KEYS;
-
-		score(queries, job->k + key * width, width, keys);
-		for (size_t i = 0; i < QUERIES; i++)
-			softmax(&queries[i], width, key == 0, keys);
-		mix(queries, job->v + key * width, width, keys);
-	}
-	for (size_t i = 0; i < count; i++)
-		write_out(job, &queries[i], job->out + (first + i) * job->out_stride);
-}
-
-static void attention(const struct dvsm_fixed_attention *job)
-{
-	struct query queries[QUERIES];
-
-	if (job->keys > MOST_KEYS) {
-		dvsm_fixed_kernels_scalar.attention(job);
-		return;
-	}
-	place(job, queries);
-	for (size_t first = 0; first < job->queries; first += QUERIES) {
-		size_t left = job->queries - first;
-
-		attend(job, queries, first, left < QUERIES ? left : QUERIES);
-	}
-}
+#include "kernels/fixed_group.inc.h"

@@ -5,9 +5,6 @@
  */
 #include "kernels/fixed_avx512.h"
 
-/* Up to here the sums of weighted values fit 32 bits, and the sum of weights needs no shift. */
-#define MOST_KEYS 65536u
-
 /* A query on its way; the arrays lie in the scratch. */
 struct query {
 	const int8_t *q;
@@ -123,16 +120,4 @@ static void shrink(struct query *query, size_t head_width, int steps)
 		o = _mm512_srai_epi32(_mm512_add_epi32(o, one), 1);
 		_mm512_store_si512(query->o + d, o);
 	}
-}
-
-/* The running maximum, then the weights of a tile. */
-static void softmax(struct query *query, size_t head_width, bool first, size_t count)
-{
-	int32_t largest = largest_score(query, count);
-
-	if (first)
-		query->top = largest;
-	else if (largest > query->top)
-		shrink(query, head_width, dvsm_fixed_raise(query->scale, largest, &query->top));
-	weigh(query, count);
 }

@@ -122,6 +122,22 @@ static inline struct dvsm_fixed_fit dvsm_fixed_fit_make(uint32_t largest)
 	return fit;
 }
 
+/** What brings a key of this sum of squares to RMS 1: n = R(u mantissa, shift). */
+struct dvsm_fixed_factor {
+	int16_t mantissa;
+	int shift;
+};
+
+static inline struct dvsm_fixed_factor dvsm_fixed_key_factor(const struct dvsm_fixed_keys *job,
+							     uint64_t squares)
+{
+	struct dvsm_fixed_scale scale =
+		dvsm_fixed_multiply(job->root, dvsm_fixed_rsqrt(squares + (uint64_t)job->epsilon));
+
+	return (struct dvsm_fixed_factor){
+		scale.mantissa, dvsm_fixed_clamp(-(scale.exponent + job->fraction), 0, 62)};
+}
+
 /**
  * How rows of int32 become int8 by their largest number, at most 2^30: y' = R(y, shift), or y
  * 2^-shift where shift is below 0, which is 2^13 .. 2^14 for the largest; a = R(y' inverse, 15).

@@ -269,20 +269,11 @@ static void query(const int16_t *u, size_t dim, const struct dvsm_fixed_gain *we
 	*scale = narrow.scale;
 }
 
+#include "kernels/fixed_queries.inc.h"
+
 void dvsm_fixed_neon_queries(const struct dvsm_fixed_queries *job)
 {
-	const size_t written = dvsm_fixed_pad(job->dim, 8);
-
-	for (size_t i = 0; i < job->rows; i++) {
-		for (size_t h = 0; h < job->heads; h++) {
-			const size_t at = i * job->heads + h;
-			int8_t *q = job->q + at * job->head_width;
-
-			query(job->u + i * job->u_stride + h * job->dim, job->dim, &job->gains[h],
-			      q, &job->q_scale[at]);
-			memset(q + written, 0, job->head_width - written);
-		}
-	}
+	queries(job);
 }
 
 void dvsm_fixed_neon_keys(const struct dvsm_fixed_keys *job)
@@ -290,11 +281,9 @@ void dvsm_fixed_neon_keys(const struct dvsm_fixed_keys *job)
 	for (size_t i = 0; i < job->rows; i++) {
 		const int16_t *u = job->u + i * job->u_stride;
 		int16_t *n = job->n + i * job->n_stride, lanes[8];
-		const uint64_t squares = sum_squares(u, job->dim) + (uint64_t)job->epsilon;
-		const struct dvsm_fixed_scale factor =
-			dvsm_fixed_multiply(job->root, dvsm_fixed_rsqrt(squares));
-		const int32x4_t shift =
-			vdupq_n_s32(-dvsm_fixed_clamp(-(factor.exponent + job->fraction), 0, 62));
+		const struct dvsm_fixed_factor factor =
+			dvsm_fixed_key_factor(job, sum_squares(u, job->dim));
+		const int32x4_t shift = vdupq_n_s32(-factor.shift);
 
 		for (size_t d = 0; d < job->dim; d += 8) {
 			const size_t left = job->dim - d;

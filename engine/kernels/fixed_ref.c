@@ -203,32 +203,19 @@ static void query(const int16_t *u, size_t dim, const struct dvsm_fixed_gain *we
 	*scale = narrow.scale;
 }
 
-static void queries(const struct dvsm_fixed_queries *job)
-{
-	for (size_t i = 0; i < job->rows; i++) {
-		for (size_t h = 0; h < job->heads; h++) {
-			size_t at = i * job->heads + h;
-			int8_t *q = job->q + at * job->head_width;
-
-			query(job->u + i * job->u_stride + h * job->dim, job->dim, &job->gains[h],
-			      q, &job->q_scale[at]);
-			memset(q + job->dim, 0, job->head_width - job->dim);
-		}
-	}
-}
+#include "kernels/fixed_queries.inc.h"
 
 static void keys(const struct dvsm_fixed_keys *job)
 {
 	for (size_t i = 0; i < job->rows; i++) {
 		const int16_t *u = job->u + i * job->u_stride;
 		int16_t *n = job->n + i * job->n_stride;
-		struct dvsm_fixed_scale factor =
-			dvsm_fixed_multiply(job->root, dvsm_fixed_rsqrt(sum_squares(u, job->dim) +
-									(uint64_t)job->epsilon));
-		int shift = dvsm_fixed_clamp(-(factor.exponent + job->fraction), 0, 62);
+		const struct dvsm_fixed_factor factor =
+			dvsm_fixed_key_factor(job, sum_squares(u, job->dim));
 
 		for (size_t d = 0; d < job->dim; d++)
-			n[d] = dvsm_fixed_saturate(dvsm_fixed_round(u[d] * factor.mantissa, shift));
+			n[d] = dvsm_fixed_saturate(
+				dvsm_fixed_round(u[d] * factor.mantissa, factor.shift));
 	}
 }
 
