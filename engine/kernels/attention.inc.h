@@ -10,7 +10,7 @@
  * rescaling and sum are then plain lane-wise operations.
  */
 
-#include "kernels/attention_state.inc.h"
+#include "kernels/attention_rows.inc.h"
 
 /* Scores of `rows` keys (a constant where it is called). */
 DVSM_INLINE void score_rows(const int rows, const float *k, size_t head_dim, const float *q,
@@ -18,12 +18,7 @@ DVSM_INLINE void score_rows(const int rows, const float *k, size_t head_dim, con
 {
 	vf sums[ATTENTION_ROWS][ATTENTION_VECTORS];
 
-	DVSM_UNROLL
-	for (int i = 0; i < rows; i++) {
-		DVSM_UNROLL
-		for (int j = 0; j < ATTENTION_VECTORS; j++)
-			sums[i][j] = vf_set(0.0f);
-	}
+	clear_rows(rows, sums);
 	for (size_t d = 0; d < head_dim; d++) {
 		vf b[ATTENTION_VECTORS];
 
@@ -39,12 +34,7 @@ DVSM_INLINE void score_rows(const int rows, const float *k, size_t head_dim, con
 				sums[i][j] = vf_fma(x, b[j], sums[i][j]);
 		}
 	}
-	DVSM_UNROLL
-	for (int i = 0; i < rows; i++) {
-		DVSM_UNROLL
-		for (int j = 0; j < ATTENTION_VECTORS; j++)
-			vf_store(scores + i * QUERY_LANES + j * VF_LANES, sums[i][j]);
-	}
+	store_scores(rows, sums, scores);
 }
 
 /* out = out shrink + weights v, for `rows` numbers of the head (a constant where it is called). */
@@ -53,12 +43,7 @@ DVSM_INLINE void value_rows(const int rows, const float *v, size_t head_dim, siz
 {
 	vf sums[ATTENTION_ROWS][ATTENTION_VECTORS];
 
-	DVSM_UNROLL
-	for (int i = 0; i < rows; i++) {
-		DVSM_UNROLL
-		for (int j = 0; j < ATTENTION_VECTORS; j++)
-			sums[i][j] = vf_set(0.0f);
-	}
+	clear_rows(rows, sums);
 	for (size_t key = 0; key < keys; key++) {
 		vf b[ATTENTION_VECTORS];
 
@@ -74,16 +59,7 @@ DVSM_INLINE void value_rows(const int rows, const float *v, size_t head_dim, siz
 				sums[i][j] = vf_fma(x, b[j], sums[i][j]);
 		}
 	}
-	DVSM_UNROLL
-	for (int i = 0; i < rows; i++) {
-		DVSM_UNROLL
-		for (int j = 0; j < ATTENTION_VECTORS; j++) {
-			float *o = out + i * QUERY_LANES + j * VF_LANES;
-			vf shrink = vf_load(state->shrink + j * VF_LANES);
-
-			vf_store(o, vf_fma(vf_load(o), shrink, sums[i][j]));
-		}
-	}
+	add_values(rows, sums, state, out);
 }
 
 /* Scores to weights 2^(score - top), with the running maximum and sum brought up to date. */
@@ -124,38 +100,17 @@ static void attend(const struct attention_state *state, const number *keys_at,
 	const float *k = num_floats(keys_at, keys * head_dim, state->room);
 	const float *v = num_floats(values_at, keys * head_dim,
 				    state->room + DVSM_ATTENTION_KEYS * head_dim);
-	size_t i = 0;
 
-#define SCORES(count)                                                                              \
-	do {                                                                                       \
-		score_rows(count, k + i * head_dim, head_dim, state->q,                            \
-			   state->scores + i * QUERY_LANES);                                       \
-		i += (count);                                                                      \
-	} while (0)
+#define SCORES(rows, at)                                                                           \
+	score_rows(rows, k + (at)*head_dim, head_dim, state->q, state->scores + (at)*QUERY_LANES)
+#define VALUES(rows, at)                                                                           \
+	value_rows(rows, v + (at), head_dim, keys, state, state->out + (at)*QUERY_LANES)
 
-	while (i + ATTENTION_ROWS <= keys)
-		SCORES(ATTENTION_ROWS);
-	if (i + 4 <= keys)
-		SCORES(4);
-	while (i < keys)
-		SCORES(1);
-#undef SCORES
-
+	FOR_ROWS(keys, SCORES);
 	weigh(state, keys);
+	FOR_ROWS(head_dim, VALUES);
 
-#define VALUES(count)                                                                              \
-	do {                                                                                       \
-		value_rows(count, v + i, head_dim, keys, state, state->out + i * QUERY_LANES);     \
-		i += (count);                                                                      \
-	} while (0)
-
-	i = 0;
-	while (i + ATTENTION_ROWS <= head_dim)
-		VALUES(ATTENTION_ROWS);
-	if (i + 4 <= head_dim)
-		VALUES(4);
-	while (i < head_dim)
-		VALUES(1);
+#undef SCORES
 #undef VALUES
 }
 

@@ -5,7 +5,7 @@
  * time for all queries. The values of two keys are laid side by side first.
  */
 
-#include "kernels/attention_state.inc.h"
+#include "kernels/attention_rows.inc.h"
 #include "kernels/dot_weigh.inc.h"
 
 static void prepare(const struct attention_state *state, size_t head_dim)
@@ -30,16 +30,6 @@ DVSM_INLINE void attention_step(const int rows, const vp x[ATTENTION_ROWS], cons
 	}
 }
 
-DVSM_INLINE void clear_rows(const int rows, vf sums[ATTENTION_ROWS][ATTENTION_VECTORS])
-{
-	DVSM_UNROLL
-	for (int i = 0; i < rows; i++) {
-		DVSM_UNROLL
-		for (int j = 0; j < ATTENTION_VECTORS; j++)
-			sums[i][j] = vf_set(0.0f);
-	}
-}
-
 /* Scores of `rows` keys (a constant where it is called). */
 DVSM_INLINE void score_rows(const int rows, const number *k, size_t head_dim, const number *q,
 			    float *scores)
@@ -61,12 +51,7 @@ DVSM_INLINE void score_rows(const int rows, const number *k, size_t head_dim, co
 			x[i] = vp_set_half(k + (size_t)i * head_dim + d);
 		attention_step(rows, x, q + d * QUERY_LANES, sums);
 	}
-	DVSM_UNROLL
-	for (int i = 0; i < rows; i++) {
-		DVSM_UNROLL
-		for (int j = 0; j < ATTENTION_VECTORS; j++)
-			vf_store(scores + i * QUERY_LANES + j * VF_LANES, sums[i][j]);
-	}
+	store_scores(rows, sums, scores);
 }
 
 /*
@@ -88,16 +73,7 @@ DVSM_INLINE void value_rows(const int rows, const number *v, size_t head_dim, si
 			x[i] = vp_set(v + key * head_dim + 2 * (size_t)i);
 		attention_step(rows, x, weights + key * QUERY_LANES, sums);
 	}
-	DVSM_UNROLL
-	for (int i = 0; i < rows; i++) {
-		DVSM_UNROLL
-		for (int j = 0; j < ATTENTION_VECTORS; j++) {
-			float *o = out + i * QUERY_LANES + j * VF_LANES;
-			vf shrink = vf_load(state->shrink + j * VF_LANES);
-
-			vf_store(o, vf_fma(vf_load(o), shrink, sums[i][j]));
-		}
-	}
+	add_values(rows, sums, state, out);
 }
 
 /* The values of two keys side by side; a missing last one is 0. */
@@ -123,39 +99,19 @@ static void attend(const struct attention_state *state, const number *k, const n
 		   size_t keys, size_t head_dim)
 {
 	number *v = (number *)(state->room + DVSM_ATTENTION_KEYS * head_dim);
-	size_t i = 0;
 
-#define SCORES(count)                                                                              \
-	do {                                                                                       \
-		score_rows(count, k + i * head_dim, head_dim, query_pairs(state),                  \
-			   state->scores + i * QUERY_LANES);                                       \
-		i += (count);                                                                      \
-	} while (0)
+#define SCORES(rows, at)                                                                           \
+	score_rows(rows, k + (at)*head_dim, head_dim, query_pairs(state),                          \
+		   state->scores + (at)*QUERY_LANES)
+#define VALUES(rows, at)                                                                           \
+	value_rows(rows, v + 2 * (at), head_dim, keys, state, state->out + (at)*QUERY_LANES)
 
-	while (i + ATTENTION_ROWS <= keys)
-		SCORES(ATTENTION_ROWS);
-	if (i + 4 <= keys)
-		SCORES(4);
-	while (i < keys)
-		SCORES(1);
-#undef SCORES
-
+	FOR_ROWS(keys, SCORES);
 	weigh(state, keys);
 	zip_values(values, keys, head_dim, v);
+	FOR_ROWS(head_dim, VALUES);
 
-#define VALUES(count)                                                                              \
-	do {                                                                                       \
-		value_rows(count, v + 2 * i, head_dim, keys, state, state->out + i * QUERY_LANES); \
-		i += (count);                                                                      \
-	} while (0)
-
-	i = 0;
-	while (i + ATTENTION_ROWS <= head_dim)
-		VALUES(ATTENTION_ROWS);
-	if (i + 4 <= head_dim)
-		VALUES(4);
-	while (i < head_dim)
-		VALUES(1);
+#undef SCORES
 #undef VALUES
 }
 
