@@ -3,29 +3,17 @@
  * for float32. What differs is the tolerance: a result that becomes bfloat16 may fall to the other
  * side of a rounding, one part in 2^7.
  */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-
-#include <cmocka.h>
 #include <float.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "bf16_tiers.h"
-#include "kernels/kernels.h"
-#include "support/guarded.h"
-#include "support/random.h"
+#include "float_checks.h"
 
-#define ROUNDING     0x1p-24
-#define BF16_STEP    0x1p-7
-#define EXP2_ERROR   1e-4
-#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
+#define BF16_STEP  0x1p-7
+#define EXP2_ERROR 1e-4
 
-static struct support_random rng;
 static const struct dvsm_kernels *tiers[BF16_TIERS];
 static size_t tier_count;
 
@@ -34,12 +22,7 @@ static const size_t edges[] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  9,  15, 16,  
 
 static size_t edge(size_t below)
 {
-	size_t value;
-
-	do {
-		value = edges[support_random_below(&rng, COUNT(edges))];
-	} while (value >= below);
-	return value;
+	return draw_size(edges, COUNT(edges), below);
 }
 
 /* Numbers that end where the guard begins. */
@@ -48,15 +31,6 @@ struct numbers {
 	dvsm_bf16 *at;
 	size_t count;
 };
-
-static struct support_guarded fill(size_t count, float scale)
-{
-	struct support_guarded made = support_guarded_make(count);
-
-	assert_non_null(made.data);
-	support_random_fill(&rng, made.data, count, scale);
-	return made;
-}
 
 static struct numbers make_numbers(size_t count, float scale)
 {
@@ -80,15 +54,6 @@ static void free_floats(struct support_guarded *floats)
 {
 	assert_true(support_guarded_intact(floats));
 	support_guarded_free(floats);
-}
-
-static void expect_near(const char *tier, const char *what, size_t at, double got, double want,
-			double tolerance)
-{
-	if (got == want || fabs(got - want) <= tolerance)
-		return;
-	fail_msg("%s %s [%zu]: %.9g, the specification says %.9g, tolerance %.2g", tier, what, at,
-		 got, want, tolerance);
 }
 
 /* ---- numbers and panels ---- */
@@ -144,17 +109,6 @@ static void panels_hold_pairs_of_depth_with_zeros_behind(void **state)
 }
 
 /* ---- matrix product ---- */
-
-struct gemm_shape {
-	size_t rows, cols, depth, a_stride, c_stride;
-	enum dvsm_epilogue epilogue;
-	float scale;
-};
-
-static double gelu_of(double x)
-{
-	return 0.5 * x * erfc(-x * M_SQRT1_2);
-}
 
 /* What a product and its epilogue may be off by, given sum |a w| and the number before. */
 static double gemm_tolerance(const struct gemm_shape *shape, double magnitude, double before,

@@ -7,25 +7,12 @@
  * (Higham, Accuracy and Stability of Numerical Algorithms, section 3.1), carried through whatever
  * follows the sum.
  */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-
-#include <cmocka.h>
 #include <float.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "kernels/kernels.h"
-#include "support/guarded.h"
-#include "support/random.h"
-
-#define ROUNDING 0x1p-24
-
-static struct support_random rng;
+#include "float_checks.h"
 
 static const struct dvsm_kernels *tiers[5];
 static size_t tier_count;
@@ -35,34 +22,9 @@ static size_t tier_count;
 static const size_t edges[] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  9,  12, 13, 15,
 			       16, 17, 31, 32, 33, 47, 48, 49, 63, 64, 65, 96, 97};
 
-#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
-
 static size_t edge(size_t below)
 {
-	size_t value;
-
-	do {
-		value = edges[support_random_below(&rng, COUNT(edges))];
-	} while (value >= below);
-	return value;
-}
-
-static struct support_guarded fill(size_t count, float scale)
-{
-	struct support_guarded made = support_guarded_make(count);
-
-	assert_non_null(made.data);
-	support_random_fill(&rng, made.data, count, scale);
-	return made;
-}
-
-static void expect_near(const char *tier, const char *what, size_t at, double got, double want,
-			double tolerance)
-{
-	if (got == want || fabs(got - want) <= tolerance)
-		return;
-	fail_msg("%s %s [%zu]: %.9g, the specification says %.9g, tolerance %.2g", tier, what, at,
-		 got, want, tolerance);
+	return draw_size(edges, COUNT(edges), below);
 }
 
 /* ---- panels ---- */
@@ -95,17 +57,6 @@ static void a_matrix_packed_in_runs_is_row_major_in_panels_and_zero_behind(void 
 }
 
 /* ---- matrix product ---- */
-
-struct gemm_shape {
-	size_t rows, cols, depth, a_stride, c_stride;
-	enum dvsm_epilogue epilogue;
-	float scale;
-};
-
-static double gelu_of(double x)
-{
-	return 0.5 * x * erfc(-x * M_SQRT1_2);
-}
 
 /* What a product and its epilogue may be off by, given sum |a w| and the number before. */
 static double gemm_tolerance(const struct gemm_shape *shape, double magnitude, double before,
