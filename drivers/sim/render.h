@@ -8,8 +8,11 @@
  * nothing of use. */
 bool sim_render_linear(const struct dio_sim_scene *scene, const struct dio_sim_camera *camera,
 		       uint32_t samples, float *rgb);
-/** The same bits from a processor with AVX2, sooner. */
+/** The same bits from a processor with AVX2, sooner: rays side by side, see wide/. */
 bool sim_render_linear_avx2(const struct dio_sim_scene *scene, const struct dio_sim_camera *camera,
 			    uint32_t samples, float *rgb);
+/** And with AVX-512 (F). */
+bool sim_render_linear_avx512(const struct dio_sim_scene *scene,
+			      const struct dio_sim_camera *camera, uint32_t samples, float *rgb);
 
 #endif

@@ -8,6 +8,10 @@
 
 #include "picture.h"
 
+#ifdef SIM_WIDE
+#include "wide/picture.h"
+#else
+
 /* One ray through the centre of every pixel of a tile. */
 static void first_pass(const struct picture *p, uint32_t index)
 {
@@ -26,6 +30,16 @@ static void first_pass(const struct picture *p, uint32_t index)
 		for (uint32_t x = t->x0; x < t->x1; x++, n++)
 			pixel_light(p, t, x, y, &rays[n], &hits[n]);
 }
+
+static void second_pass(const struct picture *p, const struct tile *t)
+{
+	for (uint32_t y = t->y0; y < t->y1; y++)
+		for (uint32_t x = t->x0; x < t->x1; x++)
+			if (p->refine[(size_t)y * p->camera->width + x])
+				pixel_refine(p, t, x, y);
+}
+
+#endif
 
 /* Which of `count` pixels differ from those `apart` pixels on. */
 static void compare_pixels(const float *rgb, size_t apart, size_t count, uint8_t *differ)
@@ -76,14 +90,6 @@ static void mark_steps(const struct picture *p, uint8_t *differ)
 				mark_pair(p, row + x, row + w + x + 1, false);
 		}
 	}
-}
-
-static void second_pass(const struct picture *p, const struct tile *t)
-{
-	for (uint32_t y = t->y0; y < t->y1; y++)
-		for (uint32_t x = t->x0; x < t->x1; x++)
-			if (p->refine[(size_t)y * p->camera->width + x])
-				pixel_refine(p, t, x, y);
 }
 
 bool SIM_RENDER(const struct dio_sim_scene *scene, const struct dio_sim_camera *camera,

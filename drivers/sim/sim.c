@@ -42,7 +42,9 @@ static void build(struct dio_sim_scene *s, const struct dio_sim_scene_options *o
 static bool render_linear(const struct dio_sim_scene *scene, const struct dio_sim_camera *camera,
 			  uint32_t samples, float *rgb)
 {
-#ifdef DIO_SIM_HAVE_AVX2
+#ifdef DIO_SIM_HAVE_WIDE
+	if (__builtin_cpu_supports("avx512f"))
+		return sim_render_linear_avx512(scene, camera, samples, rgb);
 	if (__builtin_cpu_supports("avx2"))
 		return sim_render_linear_avx2(scene, camera, samples, rgb);
 #endif

@@ -176,33 +176,56 @@ static void viewpoints_are_rigid_and_move_smoothly(void **state)
 	dio_sim_scene_destroy(scene);
 }
 
-/* The tracer is compiled twice; which of the two runs must not show. */
-static void processors_agree_on_every_bit(void **state)
+#ifdef DIO_SIM_HAVE_WIDE
+typedef bool render_fn(const struct dio_sim_scene *scene, const struct dio_sim_camera *camera,
+		       uint32_t samples, float *rgb);
+
+/* Scenes of every kind, with board and without, distorted lenses too, a pixel's rays at 1, 4, 9. */
+static void check_tracer(render_fn *render)
 {
-#ifdef DIO_SIM_HAVE_AVX2
+	enum { SCENES = 96 };
 	static float plain[WIDTH * HEIGHT * 3], wide[WIDTH * HEIGHT * 3];
-	struct dio_sim_camera c = small_camera(true);
 
-	(void)state;
-	if (!__builtin_cpu_supports("avx2")) {
-		print_message("skipped: this processor has no AVX2\n");
-		skip();
-	}
-	for (uint32_t kind = 0; kind < 4; kind++) {
-		struct dio_sim_scene *scene = scene_of((enum dio_sim_kind)kind, 40 + kind);
+	for (uint32_t i = 0; i < SCENES; i++) {
+		struct dio_sim_scene_options o = {.seed = 40 + i,
+						  .kind = (enum dio_sim_kind)(i % 4)};
+		struct dio_sim_camera c = small_camera(i % 3 == 0);
+		uint32_t samples = 1 + i / 4 % 3;
+		struct dio_sim_scene *scene;
 
+		if (i % 8 == 0)
+			o.board = (struct dio_sim_board){10, 7, 0.0285, 0.0171, false};
+		scene = dio_sim_scene_create(&o);
 		assert_non_null(scene);
-		dio_sim_viewpoint(scene, 0, 3, c.world_from_camera);
-		assert_true(sim_render_linear(scene, &c, 2, plain));
-		assert_true(sim_render_linear_avx2(scene, &c, 2, wide));
-		assert_memory_equal(plain, wide, sizeof(plain));
+		c.width = 31 + i / 2;
+		c.height = 24 + i / 3;
+		dio_sim_viewpoint(scene, i % 2, 3, c.world_from_camera);
+		assert_true(sim_render_linear(scene, &c, samples, plain));
+		assert_true(render(scene, &c, samples, wide));
+		assert_memory_equal(plain, wide, (size_t)c.width * c.height * 3 * sizeof(float));
 		dio_sim_scene_destroy(scene);
 	}
-#else
-	(void)state;
-	print_message("skipped: one tracer only on this kind of processor\n");
-	skip();
+}
 #endif
+
+/* One ray at a time, eight or sixteen side by side; which of them runs must not show. */
+static void processors_agree_on_every_bit(void **state)
+{
+	bool any = false;
+
+	(void)state;
+#ifdef DIO_SIM_HAVE_WIDE
+	if (__builtin_cpu_supports("avx2")) {
+		any = true;
+		check_tracer(sim_render_linear_avx2);
+	}
+	if (__builtin_cpu_supports("avx512f"))
+		check_tracer(sim_render_linear_avx512);
+#endif
+	if (!any) {
+		print_message("skipped: one tracer only on this processor\n");
+		skip();
+	}
 }
 
 int main(void)
