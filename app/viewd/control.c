@@ -37,7 +37,8 @@
 	X("LatencyP99Ms", "d", latency_p99_ms)                                                     \
 	X("RenderMs", "d", render_ms)                                                              \
 	X("TrackMs", "d", track_ms)                                                                \
-	X("PatchPx", "u", patch_px)
+	X("PatchPx", "u", patch_px)                                                                \
+	X("FirstShownTimestampMonotonic", "t", first_shown_us)
 
 static const struct {
 	const char *name;
@@ -76,7 +77,7 @@ static int on_get(sd_bus *bus, const char *path, const char *interface, const ch
 	if (strcmp(property, name) == 0)                                                           \
 		return strcmp(signature, "a{su}") == 0                                             \
 			       ? append_skipped(reply, field)                                      \
-			       : sd_bus_message_append_basic(reply, signature[0], field);
+			       : sd_bus_message_append_basic(reply, (signature)[0], field);
 	PROPERTIES(APPEND)
 #undef APPEND
 	return -ENOENT;

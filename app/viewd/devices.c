@@ -51,9 +51,14 @@ static void take_flip(struct dio_viewd *viewd, const struct dio_display_event *e
 {
 	uint64_t oldest = viewd->next_tag > DIO_VIEWD_TAGS ? viewd->next_tag - DIO_VIEWD_TAGS : 0;
 
-	if (event->tag >= oldest && event->tag < viewd->next_tag)
-		dio_figures_note(&viewd->figures, viewd->tags_taken_ns[event->tag % DIO_VIEWD_TAGS],
-				 event->time_ns);
+	uint64_t taken_ns;
+
+	if (event->tag < oldest || event->tag >= viewd->next_tag)
+		return;
+	taken_ns = viewd->tags_taken_ns[event->tag % DIO_VIEWD_TAGS];
+	dio_figures_note(&viewd->figures, taken_ns, event->time_ns);
+	if (taken_ns != 0 && viewd->status.first_shown_us == 0)
+		viewd->status.first_shown_us = event->time_ns / 1000;
 }
 
 static int on_display(sd_event_source *source, int fd, uint32_t events, void *context)

@@ -25,7 +25,9 @@ struct dio_viewd_status {
 	int scene;                               /* one is open */
 	char source[16];                         /* of the viewpoint: "tracked", "orbit", ... */
 	double fps, latency_ms, latency_p99_ms, render_ms, track_ms;
-	uint32_t patch_px; /* that pictures are rendered with */
+	uint32_t patch_px;       /* that pictures are rendered with */
+	uint64_t first_shown_us; /* when the first picture of the camera reached the display, by
+				  * CLOCK_MONOTONIC; 0: none did */
 };
 
 #endif

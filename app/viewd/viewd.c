@@ -221,7 +221,7 @@ static enum dio_status watch(struct dio_viewd *viewd, struct dio_error *error)
 	int result = sd_event_add_io(viewd->loop, NULL, dio_tracker_get_fd(viewd->tracker), EPOLLIN,
 				     on_tracker, viewd);
 
-	for (size_t i = 0; result >= 0 && i < sizeof workers / sizeof *workers; i++)
+	for (size_t i = 0; result >= 0 && i < sizeof workers / sizeof workers[0]; i++)
 		result = sd_event_add_io(viewd->loop, NULL, dio_worker_get_fd(workers[i]), EPOLLIN,
 					 on_worker, workers[i]);
 	if (result >= 0)

@@ -165,16 +165,24 @@ static int end(pid_t *child, int signal_number)
 	return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
 }
 
-void daemons_start_camera(const char *pictures, double frames_per_second)
+pid_t daemons_start_source(const char *source, double frames_per_second)
 {
-	char spec[FIXTURE_PATH_SIZE + 16], rate[32];
+	char rate[32];
 
 	daemons_stop_camera();
-	snprintf(spec, sizeof spec, "replay:%s", fixture_path(pictures));
 	snprintf(rate, sizeof rate, "%g", frames_per_second);
 	camera = start("diorama-captured", "captured.log",
 		       (const char *const[]){"--profile", fixture_path("board.ini"), "--camera",
-					     spec, "--fps", rate, NULL});
+					     source, "--fps", rate, NULL});
+	return camera;
+}
+
+void daemons_start_camera(const char *pictures, double frames_per_second)
+{
+	char spec[FIXTURE_PATH_SIZE + 16];
+
+	snprintf(spec, sizeof spec, "replay:%s", fixture_path(pictures));
+	daemons_start_source(spec, frames_per_second);
 }
 
 void daemons_stop_camera(void)
@@ -237,22 +245,32 @@ void daemons_expect_refusal(const char *word, const char *words)
 	fixture_expect_refusal(&run, 1, words);
 }
 
-const char *daemons_get(const char *property)
+static const char *get(const char *daemon, const char *property)
 {
 	static char value[512];
 	struct fixture_run run;
-	char key[64], *at, *line;
+	char key[64], *at, *section;
 
 	fixture_diorama(&run, "ctl", "status", NULL);
 	snprintf(key, sizeof key, "\n  %s ", property);
-	line = strstr(run.out, "diorama-viewd");
-	at = line ? strstr(line, key) : NULL;
+	section = strstr(run.out, daemon);
+	at = section ? strstr(section, key) : NULL;
 	if (!at)
 		fail_msg("%s is not in: %s%s", property, run.out, run.err);
 	at += strlen(key);
 	at += strspn(at, " ");
 	snprintf(value, sizeof value, "%.*s", (int)strcspn(at, "\n"), at);
 	return value;
+}
+
+const char *daemons_get(const char *property)
+{
+	return get("diorama-viewd", property);
+}
+
+const char *daemons_get_capture(const char *property)
+{
+	return get("diorama-captured", property);
 }
 
 const char *daemons_get_page(void)

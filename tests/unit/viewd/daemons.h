@@ -17,6 +17,9 @@ void daemons_write_profile(uint32_t reserve_mib);
 void daemons_start_camera(const char *pictures, double frames_per_second);
 void daemons_stop_camera(void);
 
+/** Start it on any source, such as "sim:table"; its process. */
+pid_t daemons_start_source(const char *source, double frames_per_second);
+
 /** Start the display daemon and wait until the bus has it. */
 void daemons_start_viewer(void);
 /** End it by a signal; its exit code, -1 when the signal killed it. */
@@ -31,6 +34,8 @@ void daemons_wait(const char *condition);
 void daemons_expect_refusal(const char *word, const char *words);
 /** A property as text, good until the next call. */
 const char *daemons_get(const char *property);
+/** One of the capture daemon's. */
+const char *daemons_get_capture(const char *property);
 
 /** Where the web page is, with its token: "http://127.0.0.1:PORT/#TOKEN". */
 const char *daemons_get_page(void);
