@@ -170,13 +170,17 @@ void dio_web_close(struct dio_web *web)
 
 uint16_t dio_web_get_port(const struct dio_web *web)
 {
-	struct sockaddr_storage address = {0};
+	union {
+		struct sockaddr any;
+		struct sockaddr_in v4;
+		struct sockaddr_in6 v6;
+	} address = {.v6 = {0}};
 	socklen_t size = sizeof address;
 
-	if (getsockname(web->fd, (struct sockaddr *)&address, &size) != 0)
+	if (getsockname(web->fd, &address.any, &size) != 0)
 		return 0;
-	return ntohs(address.ss_family == AF_INET6 ? ((struct sockaddr_in6 *)&address)->sin6_port
-						   : ((struct sockaddr_in *)&address)->sin_port);
+	return ntohs(address.any.sa_family == AF_INET6 ? address.v6.sin6_port
+						       : address.v4.sin_port);
 }
 
 int dio_web_get_fd(const struct dio_web *web)

@@ -34,7 +34,7 @@ enum dio_status dio_gpio_line_parse(const char *text, struct dio_gpio_line *line
 				DIO_GPIO_NAME_MAX - 1);
 	if (colon && strlen(colon + 1) > OFFSET_DIGITS_MAX)
 		return dio_fail(error, DIO_BAD_ARG, "line '%s': no chip has so many lines", text);
-	memcpy(colon ? parsed.chip : parsed.name, text, length);
+	snprintf(colon ? parsed.chip : parsed.name, DIO_GPIO_NAME_MAX, "%.*s", (int)length, text);
 	if (colon)
 		parsed.offset = (uint32_t)strtoul(colon + 1, NULL, 10);
 	*line = parsed;

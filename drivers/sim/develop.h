@@ -15,10 +15,9 @@ struct blur {
 /* A bell from repeated squares is close to a Gaussian and needs no exp(). */
 DIO_SIM_FN struct blur blur_of(float sigma)
 {
-	struct blur b;
+	struct blur b = {0};
 	float sum = 0;
 
-	b.reach = 0;
 	b.weight[0] = 1;
 	if (sigma <= 0.05f)
 		return b;

@@ -27,7 +27,7 @@
  * again is left for rounding. */
 static double largest_number(const struct dvsm_model_config *config)
 {
-	return 0.25 * sqrt(FLT_MAX / config->dim);
+	return 0.25 * sqrt((double)FLT_MAX / config->dim);
 }
 
 struct range {

@@ -89,7 +89,7 @@ static void figures(void **state)
 
 	(void)state;
 	started_ms = stage_start(30);
-	printf("camera 256x192 on sim, display 640x480, scene 128x96, int8, %s\n"
+	printf("camera 320x240 on sim, display 640x480, scene 128x96, int8, %s\n"
 	       "start to the camera's first picture shown: %.0f ms\n\n"
 	       "                 not     shown   latency, ms       processor        PSS, MiB\n"
 	       "state      fps delivered a second  median     p99  captured  viewd  captured   "

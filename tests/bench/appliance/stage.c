@@ -13,7 +13,7 @@
 
 /* A board of the size of a sheet of paper, walked around. */
 #define SOURCE                                                                                     \
-	"sim:table?seed=7&width=256&height=192&samples=1&"                                         \
+	"sim:table?seed=7&width=320&height=240&samples=1&distortion=0&"                            \
 	"board=charuco:6x5:0.045:0.032:DICT_6X6_250"
 
 static pid_t camera;

@@ -235,8 +235,8 @@ static void a_recording_survives_a_killed_daemon_and_goes_on_after_it(void **sta
 static void what_cannot_be_recorded_is_refused_before_it_starts(void **state)
 {
 	static const char *const names[] = {"../up", ".hidden", "a/b", "blank name",
-					    "0123456789012345678901234567890123456789"
-					    "012345678901234567890123456789"};
+					    ("0123456789012345678901234567890123456789"
+					     "012345678901234567890123456789")};
 	struct daemon *daemon = *state;
 	FILE *profile = fopen(daemon_path(daemon, "full.ini"), "w");
 	char path[160];
