@@ -25,17 +25,39 @@ void dio_json_add_text(cJSON *object, const char *key, const char *text)
 	cJSON_AddStringToObject(object, key, text ? text : "");
 }
 
+cJSON *dio_json_number(double value)
+{
+	char text[32];
+	int digits = 15;
+
+	if (!isfinite(value))
+		return cJSON_CreateNull();
+	do {
+		snprintf(text, sizeof text, "%.*g", digits, value);
+	} while (strtod(text, NULL) != value && ++digits <= 17);
+	return cJSON_CreateRaw(text);
+}
+
+cJSON *dio_json_numbers(const double *values, uint32_t count)
+{
+	cJSON *list = cJSON_CreateArray();
+
+	for (uint32_t i = 0; i < count; i++)
+		cJSON_AddItemToArray(list, dio_json_number(values[i]));
+	return list;
+}
+
 cJSON *dio_json_camera(const struct dio_camera_model *camera)
 {
 	cJSON *object = cJSON_CreateObject();
 
 	cJSON_AddNumberToObject(object, "width", camera->width);
 	cJSON_AddNumberToObject(object, "height", camera->height);
-	cJSON_AddNumberToObject(object, "fx", camera->fx);
-	cJSON_AddNumberToObject(object, "fy", camera->fy);
-	cJSON_AddNumberToObject(object, "cx", camera->cx);
-	cJSON_AddNumberToObject(object, "cy", camera->cy);
-	cJSON_AddItemToObject(object, "dist", cJSON_CreateDoubleArray(camera->dist, 5));
+	cJSON_AddItemToObject(object, "fx", dio_json_number(camera->fx));
+	cJSON_AddItemToObject(object, "fy", dio_json_number(camera->fy));
+	cJSON_AddItemToObject(object, "cx", dio_json_number(camera->cx));
+	cJSON_AddItemToObject(object, "cy", dio_json_number(camera->cy));
+	cJSON_AddItemToObject(object, "dist", dio_json_numbers(camera->dist, 5));
 	return object;
 }
 

@@ -11,6 +11,10 @@
 /** Add a number rounded to `digits` decimals; one that is not finite becomes null. */
 void dio_json_add_number(cJSON *object, const char *key, double value, int digits);
 void dio_json_add_text(cJSON *object, const char *key, const char *text);
+/** A number, or a list of `count`, in the fewest digits that give back its very bits: cJSON's own
+ * printing lets the last bit go. What is not finite becomes null. */
+cJSON *dio_json_number(double value);
+cJSON *dio_json_numbers(const double *values, uint32_t count);
 /** {"width","height","fx",...,"dist"} as in scene.json. */
 cJSON *dio_json_camera(const struct dio_camera_model *camera);
 

@@ -189,7 +189,7 @@ static cJSON *make_frame(const struct dio_scene_frame *frame, const struct dio_c
 	cJSON_AddStringToObject(object, "role",
 				frame->role == DIO_ROLE_TARGET ? "target" : "context");
 	cJSON_AddItemToObject(object, "world_from_camera",
-			      cJSON_CreateDoubleArray(frame->pose.world_from_camera, 16));
+			      dio_json_numbers(frame->pose.world_from_camera, 16));
 	if (!dio_camera_model_equal(&frame->camera, common))
 		cJSON_AddItemToObject(object, "camera", dio_json_camera(&frame->camera));
 	return object;

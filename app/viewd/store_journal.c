@@ -11,6 +11,7 @@
 #include <unistd.h>
 #include <zlib.h>
 
+#include "core/json_out.h"
 #include "core/text.h"
 #include "dio/atomic_file.h"
 
@@ -30,19 +31,6 @@ static char *make_line(cJSON *object)
 	return line;
 }
 
-/* To the last bit: cJSON would leave it out. */
-static cJSON *make_numbers(const double *values, int count)
-{
-	cJSON *list = cJSON_CreateArray();
-	char number[32];
-
-	for (int i = 0; i < count; i++) {
-		snprintf(number, sizeof number, "%.17g", values[i]);
-		cJSON_AddItemToArray(list, cJSON_CreateRaw(number));
-	}
-	return list;
-}
-
 static char *camera_line(const struct dio_camera_model *camera)
 {
 	cJSON *root = cJSON_CreateObject();
@@ -50,8 +38,8 @@ static char *camera_line(const struct dio_camera_model *camera)
 
 	cJSON_AddNumberToObject(root, "width", camera->width);
 	cJSON_AddNumberToObject(root, "height", camera->height);
-	cJSON_AddItemToObject(root, "fx_fy_cx_cy", make_numbers(focal, 4));
-	cJSON_AddItemToObject(root, "dist", make_numbers(camera->dist, 5));
+	cJSON_AddItemToObject(root, "fx_fy_cx_cy", dio_json_numbers(focal, 4));
+	cJSON_AddItemToObject(root, "dist", dio_json_numbers(camera->dist, 5));
 	return make_line(root);
 }
 
@@ -69,7 +57,7 @@ static char *entry_line(const struct dio_journal_entry *entry)
 	snprintf(number, sizeof number, "%" PRIu64, entry->timestamp_ns);
 	cJSON_AddStringToObject(root, "timestamp_ns", number);
 	cJSON_AddItemToObject(root, "world_from_camera",
-			      make_numbers(entry->pose.world_from_camera, 16));
+			      dio_json_numbers(entry->pose.world_from_camera, 16));
 	return make_line(root);
 }
 

@@ -198,7 +198,7 @@ static enum dio_status write_shot(const struct dio_store_shot *shot, const char 
 	if (status == DIO_OK) {
 		cJSON_AddItemToObject(root, "camera", dio_json_camera(shot->camera));
 		cJSON_AddItemToObject(root, "world_from_camera",
-				      cJSON_CreateDoubleArray(shot->pose.world_from_camera, 16));
+				      dio_json_numbers(shot->pose.world_from_camera, 16));
 		status = dio_json_write(root, json, error);
 	}
 	cJSON_Delete(root);

@@ -39,6 +39,7 @@ static struct replay *self(struct dio_camera *camera)
 	return (struct replay *)camera;
 }
 
+/* When a recorded frame was taken; of a folder, time from its first picture. */
 static uint64_t timestamp_of(const struct replay *replay, size_t i)
 {
 	double rate = replay->base.options.frames_per_second;
@@ -213,6 +214,8 @@ static enum dio_status replay_acquire(struct dio_camera *camera, struct dio_fram
 		return status;
 	}
 	loaded.timestamp_ns = timestamp_of(replay, i);
+	if (!replay->is_recording && replay->is_paced)
+		loaded.timestamp_ns += replay->epoch_ns; /* as if taken when it was due */
 	loaded.sequence = replay->is_recording ? replay->index.entries[i].sequence : i;
 	if (replay->is_recording)
 		loaded.metadata = replay->index.entries[i].metadata;

@@ -170,7 +170,7 @@ static void press(unsigned count)
 		daemons_ctl("follow", NULL);
 		break;
 	default:
-		daemons_ctl("save", "soak");
+		daemons_ctl("save", NULL);
 		break;
 	}
 }
@@ -193,7 +193,6 @@ static void soak(void **state)
 	stage_start(30);
 	daemons_ctl("capture", NULL);
 	stage_reconstruct();
-	daemons_ctl("save", "soak");
 	for (unsigned i = 0; i < 4; i++) /* everything has happened once */
 		press(i);
 	sleep((unsigned)(amount * 60 * 0.2));

@@ -178,12 +178,14 @@ static void a_folder_keeps_the_pace_that_is_wished(void **state)
 	assert_ok(dio_camera_acquire(camera, &frame, SECOND_NS, &error), error);
 	assert_ok(dio_camera_acquire(camera, &frame, SECOND_NS, &error), error);
 	assert_true(dio_clock_ns() - begun > 90000000);
-	assert_int_equal(frame.timestamp_ns, 100000000);
+	/* By the clock that cameras stamp with. */
+	assert_in_range(frame.timestamp_ns, begun + 90000000, dio_clock_ns());
 	dio_camera_close(camera);
 
 	camera = start(*state, &fast);
 	for (int i = 0; i < 3; i++)
 		assert_ok(dio_camera_acquire(camera, &frame, 0, &error), error);
+	assert_int_equal(frame.timestamp_ns, 100000000);
 	dio_camera_close(camera);
 }
 
