@@ -1,0 +1,134 @@
+"""From the board to the picture on the screen, by buttons alone."""
+import json
+import subprocess
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from appliance import DANCE, WALK, wait_until
+from report import Failure, expect
+
+PSNR_MIN_DB = 35.0
+SAVED = "shown"
+
+
+def buttons_and_lamps_work(appliance):
+    """Presses reach the daemon, and each state has its pattern on the LED."""
+    appliance.load_lines()
+    # The viewer looks for lines that were not there a few times a second.
+    pid = appliance.main_pid("diorama-viewd")
+    expect(wait_until(lambda: "gpio" in appliance.must(f"ls -l /proc/{pid}/fd"), 30),
+           "the daemon takes no line: " + appliance.log_of("diorama-viewd", 3))
+    seen = []
+    expect_led(appliance, "idle", 0.0, 0.3, seen)
+    appliance.press("calibrate")
+    appliance.wait_for("State=calibrate")
+    expect_led(appliance, "calibrate", 0.3, 0.7, seen)
+    appliance.press("view", times=2)
+    appliance.wait_for("State=idle")
+    # A button that asks for what cannot be lights the other one.
+    appliance.press("view")
+    expect(wait_until(lambda: appliance.status()[1]["Alarm"], 20), "no alarm")
+    lit, changes = appliance.read_led("error")
+    expect(0.2 < lit < 0.8 and changes > 3, f"error: lit {lit:.2f}, {changes:.1f} changes a second")
+    return ", ".join(seen) + f", error {lit:.2f} at {changes:.1f} changes/s"
+
+
+def expect_led(appliance, state, least, most, seen):
+    lit, changes = appliance.read_led("state")
+    expect(least <= lit <= most, f"in {state} the LED is lit {lit:.2f} of the time, "
+           f"not {least} to {most}")
+    seen.append(f"{state} lit {lit:.2f}")
+
+
+def feed_until(appliance, frames, done, what, rates):
+    """Feed frames, slower each time, until it is done; a busy machine sees few of them."""
+    for ms in rates:
+        appliance.feed(frames, ms)
+        if wait_until(done, frames[1] * ms / 1000 + 20):
+            return ms
+    raise Failure(f"{what}; {appliance.status()[1]}")
+
+
+def calibrates_from_the_button(appliance, shots):
+    appliance.press("calibrate")
+    appliance.wait_for("State=calibrate")
+
+    def is_done():
+        # What was shown may not cover the corners of the picture: a second press fits anyway.
+        view = appliance.status()[1]
+        if view["State"] == "calibrate" and view["BoardViews"] >= 12 and view["Coverage"] > 0.45:
+            appliance.machine.screenshot(shots / "calibrate.png")
+            appliance.press("calibrate")
+            time.sleep(3)
+        return appliance.status()[1]["Calibrated"]
+
+    ms = feed_until(appliance, DANCE, is_done, "the camera is not calibrated",
+                    (800, 1600) if appliance.slow else (150, 400, 800))
+    appliance.wait_for("State=idle")
+    view = appliance.status()[1]
+    return f"{view['Message']} ({view['BoardViews']} views, a picture every {ms} ms)"
+
+
+def captures_and_reconstructs_from_the_button(appliance, shots):
+    appliance.press("capture")
+    appliance.wait_for("State=capture")
+    feed_until(appliance, WALK, lambda: appliance.status()[1]["Views"] >= 6,
+               "not six views were kept", (900, 1800) if appliance.slow else (250, 600, 1200))
+    appliance.machine.screenshot(shots / "capture.png")
+    if appliance.status()[1]["State"] == "capture":
+        appliance.press("capture", ms=1300)
+    appliance.wait_for("State=view", 120)
+    view = appliance.status()[1]
+    lit, _ = appliance.read_led("state", 1)
+    expect(lit == 1.0, f"in view the LED is lit {lit:.2f} of the time")
+    return f"{view['Views']} views; {view['Message']}; state LED on"
+
+
+def psnr(a, b):
+    error = np.mean((a.astype(np.float64) - b.astype(np.float64)) ** 2)
+    return 99.0 if error == 0 else 10 * np.log10(255 ** 2 / error)
+
+
+def shows_what_render_renders(appliance, shots, tools):
+    """The screen against `diorama render` of the same scene, pose and patch on the host."""
+    frame = WALK[0] + 20
+    appliance.hold(frame)
+    appliance.wait_for("Source=tracked", 60)
+    appliance.restart("diorama-viewd", {"display/overlay": "no"})
+    try:
+        appliance.wait_for("State=view", 90)
+        appliance.wait_for("Source=tracked", 60)
+        # The picture on the screen is of this frame: it is the only one, and it stays.
+        time.sleep(6 if appliance.slow else 2)
+        folder = appliance.must(f"rm -rf /var/lib/diorama/scenes/{SAVED}; "
+                                f"diorama ctl save {SAVED}").strip()
+        appliance.machine.screenshot(shots / "view.png")
+        view = appliance.status()[1]
+        expect(view["Source"] == "tracked", f"it is shown from {view['Source']}")
+        appliance.must(f"rm -rf /share/{SAVED}; cp -r {folder} /share/{SAVED}")
+    finally:
+        appliance.restart("diorama-viewd")
+        appliance.wait_for("State=view", 90)
+    saved = Path(appliance.machine.share) / SAVED
+    camera = json.loads((saved / "view.json").read_text())["camera"]
+    ran = subprocess.run([tools / "diorama", "render", "--scene-cache", saved / "scene.safetensors",
+                          "--path", saved / "view.tum", "--out", saved / "render", "--raw",
+                          "--patch-render", str(view["PatchPx"])], capture_output=True, text=True)
+    expect(ran.returncode == 0, f"diorama render: {ran.stderr.strip()}")
+    rendered = np.load(saved / "render" / "frames.npy")[-1]
+    screen = cv2.imread(str(shots / "view.png"))[..., ::-1]
+    height, width = screen.shape[:2]
+    expect(width * camera["height"] == height * camera["width"],
+           f"a {width}x{height} screen has bars beside the picture")
+    wanted = cv2.resize(np.rint(np.clip(rendered, 0, 1) * 255).astype(np.uint8), (width, height),
+                        interpolation=cv2.INTER_LINEAR)
+    cv2.imwrite(str(shots / "rendered.png"), wanted[..., ::-1])
+    got = psnr(screen, wanted)
+    spread = float(np.std(wanted))
+    expect(spread > 15, f"the picture is empty: its spread is {spread:.1f}")
+    expect(got >= PSNR_MIN_DB, f"{got:.1f} dB, less than {PSNR_MIN_DB}")
+    return (f"{got:.1f} dB between the {width}x{height} screen and diorama render "
+            f"(spread {spread:.0f}); rendering takes {view['RenderMs']:.0f} ms here")

@@ -1,0 +1,2 @@
+def scenes_survive(*a):
+    raise Exception("not yet")

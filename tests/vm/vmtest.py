@@ -1,0 +1,127 @@
+"""./run vmtest: the appliance's packages in a virtual machine, on drivers of the kernel's.
+
+usage: vmtest.py --image DIR --tools DIR --work DIR [--accel kvm|tcg] [--seed N] [soak]
+
+DIR: what `image` made; the programs that were built; where to work. With `soak` the run that looks
+for growth lasts ten minutes and is the only one beside what it needs.
+"""
+import argparse
+import hashlib
+import random
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import check_appliance
+import check_devices
+import check_system
+import powercut
+from appliance import DANCE, FRAME_BYTES, FRAME_COUNT, NOISE, WALK, Appliance
+from machine import Machine, MachineError, kvm_works
+from report import Report
+
+GUEST_TOOLS = ("vm_feed", "vm_ring", "vm_camera", "device_kms", "device_gpio", "device_keyboard")
+SOAK_S, SHORT_S = 600, 60
+SIM = "sim:table?seed=7&style={style}&fps={fps}"
+
+
+def make_frames(tools, path, keep):
+    """Noise, then the simulated table from the way a hand shows a board and from a walk round it."""
+    program = tools / "vm_frames"
+    key = hashlib.sha256(program.read_bytes()).hexdigest()[:12]
+    kept = keep / f"frames-{key}.yuyv"
+    if not kept.exists():
+        for old in keep.glob("frames-*.yuyv*"):
+            old.unlink()
+        part = kept.with_suffix(".part")
+        with open(part, "wb") as file:
+            file.write(random.Random(1).randbytes(NOISE[1] * FRAME_BYTES))
+            file.flush()
+            for style, fps, frames in (("dance", 0.66667, DANCE), ("walk", 1, WALK)):
+                subprocess.run([program, SIM.format(style=style, fps=fps), str(frames[1])],
+                               stdout=file, check=True)
+        part.rename(kept)
+    assert kept.stat().st_size == FRAME_COUNT * FRAME_BYTES
+    shutil.copyfile(kept, path)
+
+
+def run_checks(report, machine, appliance, arguments, shots, boot_s):
+    tools = arguments.tools
+    if not report.run("boots, root read only, no unit failed",
+                      check_system.comes_up_on_a_read_only_root, appliance):
+        report.note("journal: " + appliance.run("journalctl -p warning -b --no-pager | tail -15")[1])
+    report.run("frames arrive bit-exact, in order", check_devices.frames_arrive_bit_exact, appliance)
+    report.run("buttons and LEDs", check_appliance.buttons_and_lamps_work, appliance)
+    shown = (report.run("calibrates", check_appliance.calibrates_from_the_button, appliance, shots)
+             and report.run("captures, reconstructs, shows",
+                            check_appliance.captures_and_reconstructs_from_the_button, appliance,
+                            shots)
+             and report.run("screen is what render renders",
+                            check_appliance.shows_what_render_renders, appliance, shots, tools))
+    if arguments.what == "soak":
+        report.run("nothing grows", check_system.nothing_grows, appliance, SOAK_S)
+        return
+    report.run("units' exposure", check_system.units_are_locked_down, appliance)
+    if shown:
+        report.run("power cuts at random moments", powercut.scenes_survive, appliance, tools,
+                   arguments.work, arguments.seed)
+        report.run("nothing grows", check_system.nothing_grows, appliance, SHORT_S)
+        report.run("killed capture daemon", check_devices.viewer_survives_killed_capture, appliance)
+        report.run("hung viewer", check_system.watchdog_restarts_a_hung_viewer, appliance)
+    report.run("injected faults", check_devices.faults_are_survived, appliance)
+    report.run("sizes, formats, buffers at their edges", check_devices.abuse_at_the_edges, appliance)
+    report.run("camera unplugged", check_devices.camera_comes_back, appliance)
+    report.run("libcamera", check_devices.libcamera_captures, appliance)
+    report.run("device tests", check_devices.device_tests_pass, appliance)
+    report.run("log is clean", check_system.log_is_clean, appliance)
+    if shown:
+        report.run("power cut of the whole box", check_system.comes_back_after_a_reset, appliance,
+                   boot_s)
+    report.run("packages purge and install", check_system.packages_purge_and_install, appliance)
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    for name in ("--image", "--tools", "--work"):
+        parser.add_argument(name, type=Path, required=True)
+    parser.add_argument("--accel", choices=("kvm", "tcg"))
+    parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(1 << 32))
+    parser.add_argument("what", nargs="?", choices=("soak",))
+    arguments = parser.parse_args()
+
+    shots, share = arguments.work / "shots", arguments.work / "share"
+    for folder in (shots, share):
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+    accelerator = arguments.accel or ("kvm" if kvm_works(arguments.image) else "tcg")
+    report = Report()
+    print(f"vmtest: {'KVM' if accelerator == 'kvm' else 'emulation (no working KVM here)'}, "
+          f"seed {arguments.seed}; logs and screenshots in {arguments.work}", flush=True)
+    make_frames(arguments.tools, share / "frames.yuyv", arguments.image)
+    for name in GUEST_TOOLS:
+        shutil.copy(arguments.tools / name, share)
+    machine = Machine(arguments.image, arguments.work, share, accelerator)
+    boot_s = 60 if accelerator == "kvm" else 300
+    try:
+        machine.make_data_disk()
+        machine.start()
+        machine.wait_boot(boot_s)
+        appliance = Appliance(machine)
+        run_checks(report, machine, appliance, arguments, shots, boot_s)
+        (arguments.work / "journal.txt").write_text(appliance.run("journalctl -b --no-pager")[1])
+    except MachineError as fault:
+        report.run("the machine", fail, fault)
+    finally:
+        machine.stop()
+    return report.sum_up()
+
+
+def fail(fault):
+    raise fault
+
+
+if __name__ == "__main__":
+    sys.dont_write_bytecode = True
+    sys.exit(main())
