@@ -22,17 +22,15 @@ def buttons_and_lamps_work(appliance):
     expect(wait_until(lambda: "gpio" in appliance.must(f"ls -l /proc/{pid}/fd"), 30),
            "the daemon takes no line: " + appliance.log_of("diorama-viewd", 3))
     seen = []
-    expect_led(appliance, "idle", 0.0, 0.3, seen)
-    appliance.press("calibrate")
-    appliance.wait_for("State=calibrate")
-    expect_led(appliance, "calibrate", 0.3, 0.7, seen)
-    appliance.press("view", times=2)
-    appliance.wait_for("State=idle")
+    # Emulated on a busy machine, flashes of 50 ms may fall between two looks.
+    expect_led(appliance, "idle", 0.0 if appliance.slow else 0.01, 0.3, seen)
+    appliance.press("calibrate", "State=calibrate")
+    expect_led(appliance, "calibrate", 0.2, 0.8, seen)
+    appliance.must("diorama ctl cancel")
     # A button that asks for what cannot be lights the other one.
-    appliance.press("view")
-    expect(wait_until(lambda: appliance.status()[1]["Alarm"], 20), "no alarm")
+    appliance.press("view", "Alarm=true")
     lit, changes = appliance.read_led("error")
-    expect(0.2 < lit < 0.8 and changes > 3, f"error: lit {lit:.2f}, {changes:.1f} changes a second")
+    expect(0.2 < lit < 0.8 and changes > 2, f"error: lit {lit:.2f}, {changes:.1f} changes a second")
     return ", ".join(seen) + f", error {lit:.2f} at {changes:.1f} changes/s"
 
 
@@ -53,16 +51,14 @@ def feed_until(appliance, frames, done, what, rates):
 
 
 def calibrates_from_the_button(appliance, shots):
-    appliance.press("calibrate")
-    appliance.wait_for("State=calibrate")
+    appliance.press("calibrate", "State=calibrate")
 
     def is_done():
         # What was shown may not cover the corners of the picture: a second press fits anyway.
         view = appliance.status()[1]
         if view["State"] == "calibrate" and view["BoardViews"] >= 12 and view["Coverage"] > 0.45:
             appliance.machine.screenshot(shots / "calibrate.png")
-            appliance.press("calibrate")
-            time.sleep(3)
+            appliance.press("calibrate", "Calibrated=true", tries=1)
         return appliance.status()[1]["Calibrated"]
 
     ms = feed_until(appliance, DANCE, is_done, "the camera is not calibrated",
@@ -73,16 +69,15 @@ def calibrates_from_the_button(appliance, shots):
 
 
 def captures_and_reconstructs_from_the_button(appliance, shots):
-    appliance.press("capture")
-    appliance.wait_for("State=capture")
+    appliance.press("capture", "State=capture")
     feed_until(appliance, WALK, lambda: appliance.status()[1]["Views"] >= 6,
                "not six views were kept", (900, 1800) if appliance.slow else (250, 600, 1200))
     appliance.machine.screenshot(shots / "capture.png")
     if appliance.status()[1]["State"] == "capture":
-        appliance.press("capture", ms=1300)
+        appliance.press("capture", "State=view", ms=1300, timeout=120)
     appliance.wait_for("State=view", 120)
     view = appliance.status()[1]
-    lit, _ = appliance.read_led("state", 1)
+    lit, _ = appliance.read_led("state")
     expect(lit == 1.0, f"in view the LED is lit {lit:.2f} of the time")
     return f"{view['Views']} views; {view['Message']}; state LED on"
 

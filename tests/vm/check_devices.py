@@ -12,7 +12,7 @@ RECOVERY_S = 2.0
 def frames_arrive_bit_exact(appliance):
     """Noise shown frame by frame is what a reader gets, in order, none torn, none passed over."""
     appliance.load_camera()
-    appliance.wait_for("State=streaming")
+    appliance.wait_for("Camera=streaming")
     # Longer on show than a camera under emulation takes from one frame to the next.
     ms = 400 if appliance.slow else 100
     count = NOISE[1]
@@ -63,7 +63,7 @@ def camera_comes_back(appliance):
     for at in plugged:
         after = [frame - at for frame in frames if frame >= at - 0.02]
         expect(after, f"no frame after the camera was plugged in at {at}")
-        took.append(max(after[0], 0))
+        took.append(max(after[0], None))
     expect(max(took) <= RECOVERY_S, f"it took up to {max(took):.2f} s: "
            + " ".join(f"{s:.2f}" for s in took))
     unplugged = sum(words[1:3] == ["state", "unplugged"] for words in watched)
@@ -98,7 +98,7 @@ def libcamera_captures(appliance):
     appliance.must("modprobe vimc && udevadm settle")
     appliance.restart("diorama-captured", {"camera/source": "libcamera:0"})
     try:
-        appliance.wait_for("State=streaming", 60)
+        appliance.wait_for("Camera=streaming", 60)
         expect(wait_until(lambda: appliance.status()[0]["Frames"] >= 10, 60),
                f"no ten frames: {appliance.log_of('diorama-captured', 3)}")
         capture = appliance.status()[0]
@@ -112,8 +112,8 @@ def libcamera_captures(appliance):
 
 
 # Faults that vivid injects, as controls of its capture node, and what sets them right again.
-FAULTS = (("inject_v4l2_buf_flag_error", 0), ("percentage_of_dropped_buffers=40", None),
-          ("inject_vidioc_streamon_error", 0), ("inject_vidioc_reqbufs_error", 0),
+FAULTS = (("inject_v4l2_buf_flag_error=1", None), ("inject_vidioc_streamon_error=1", None),
+          ("inject_vidioc_reqbufs_error=1", None),
           ("dv_timings_signal_mode=1", "dv_timings_signal_mode=0"),
           ("dv_timings_signal_mode=2", "dv_timings_signal_mode=0"))
 
@@ -126,7 +126,7 @@ def list_controls(appliance):
 def abuse_at_the_edges(appliance):
     """Sizes, rates and formats at their edges: each opens and streams, or is refused in a line."""
     appliance.must("systemctl stop diorama-captured.service")
-    sizes = [(0, 0), (1, 1), (2, 2), (16, 16), (639, 479), (641, 481), (3840, 2160), (4096, 4096),
+    sizes = [(0, None), (1, 1), (2, 2), (16, 16), (639, 479), (641, 481), (3840, 2160), (4096, 4096),
              (16384, 16384), (65535, 3), (4294967295, 4294967295)]
     streamed = refused = 0
     try:
@@ -165,19 +165,15 @@ def faults_are_survived(appliance):
     """Errors that the driver injects while the daemon streams."""
     known = list_controls(appliance)
     done = []
-    appliance.wait_for("State=streaming")
+    appliance.wait_for("Camera=streaming")
     pid = appliance.main_pid("diorama-captured")
     for fault, remedy in FAULTS:
         if fault.split("=")[0] not in known:
             continue
-        value = fault if "=" in fault else f"{fault}=1"
-        appliance.must(f"v4l2-ctl -d /dev/diorama/camera --set-ctrl={value}; sleep 1.2")
+        appliance.must(f"v4l2-ctl -d /dev/diorama/camera --set-ctrl={fault}; sleep 1.2")
         if remedy:
             appliance.must(f"v4l2-ctl -d /dev/diorama/camera --set-ctrl={remedy}")
-        elif "percentage" in fault:
-            appliance.must("v4l2-ctl -d /dev/diorama/camera "
-                           "--set-ctrl=percentage_of_dropped_buffers=0")
-        appliance.wait_for("State=streaming", 20)
+        appliance.wait_for("Camera=streaming", 20)
         before = appliance.status()[0]["Frames"]
         expect(wait_until(lambda: appliance.status()[0]["Frames"] > before + 3, 20),
                f"{fault}: no frames any more")

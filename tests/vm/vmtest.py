@@ -65,8 +65,7 @@ def run_checks(report, machine, appliance, arguments, shots, boot_s):
         return
     report.run("units' exposure", check_system.units_are_locked_down, appliance)
     if shown:
-        report.run("power cuts at random moments", powercut.scenes_survive, appliance, tools,
-                   arguments.work, arguments.seed)
+        cuts = powercut.work_under_cuts(appliance, tools, arguments.work, arguments.seed)
         report.run("nothing grows", check_system.nothing_grows, appliance, SHORT_S)
         report.run("killed capture daemon", check_devices.viewer_survives_killed_capture, appliance)
         report.run("hung viewer", check_system.watchdog_restarts_a_hung_viewer, appliance)
@@ -77,6 +76,7 @@ def run_checks(report, machine, appliance, arguments, shots, boot_s):
     report.run("device tests", check_devices.device_tests_pass, appliance)
     report.run("log is clean", check_system.log_is_clean, appliance)
     if shown:
+        report.run("power cuts while saving and reconstructing", powercut.finish, cuts)
         report.run("power cut of the whole box", check_system.comes_back_after_a_reset, appliance,
                    boot_s)
     report.run("packages purge and install", check_system.packages_purge_and_install, appliance)
