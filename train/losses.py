@@ -30,7 +30,7 @@ def ssim(got, want):
     luma = got.new_tensor([0.299, 0.587, 0.114]).view(1, 3, 1, 1)
     a, b = (got * luma).sum(1, keepdim=True), (want * luma).sum(1, keepdim=True)
     box = torch.cat([a, b, a * a, b * b, a * b], 1)
-    mean_a, mean_b, aa, bb, ab = F.avg_pool2d(box, 7, 1).unbind(1)
+    mean_a, mean_b, aa, bb, ab = F.avg_pool2d(F.avg_pool2d(box, (7, 1), 1), (1, 7), 1).unbind(1)
     var_a, var_b, cov = aa - mean_a ** 2, bb - mean_b ** 2, ab - mean_a * mean_b
     top = (2 * mean_a * mean_b + 1e-4) * (2 * cov + 9e-4)
     return (top / ((mean_a ** 2 + mean_b ** 2 + 1e-4) * (var_a + var_b + 9e-4))).mean()

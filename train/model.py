@@ -163,6 +163,7 @@ class Dvsm(nn.Module):
         super().__init__()
         self.config = config
         self.checkpointing = False
+        self.fast = None  # fast.Blocks, where the processor has them
         area = config.patch * config.patch
         self.patch_ray = nn.Linear(6 * area, config.dim, bias=False)
         self.patch_rgb = nn.Linear(3 * area, config.dim, bias=False)
@@ -196,13 +197,16 @@ class Dvsm(nn.Module):
             maps = geometry.ray_map(rotation, centre, intrinsics, size, map_size)
         return self.patch_ray(geometry.cut(maps, self.config.patch)), grid, map_size
 
-    def reconstruct(self, pictures, cameras, patch):
-        """Context pictures [B, V, h, w, 3] in [0, 1] -> the cache, a list of (k, v) a block."""
+    def embed(self, pictures, cameras, patch):
+        """Context pictures [B, V, h, w, 3] in [0, 1] -> tokens [B, V, n, D]."""
         size = (pictures.shape[-2], pictures.shape[-3])
         x, _, map_size = self.rays(cameras, size, patch)
         colour = geometry.cut(2 * geometry.resample(pictures, map_size) - 1, self.config.patch)
-        x = self.embed_norm(x + self.patch_rgb(colour))
-        cache = []
+        return self.embed_norm(x + self.patch_rgb(colour))
+
+    def reconstruct(self, pictures, cameras, patch):
+        """Context pictures [B, V, h, w, 3] in [0, 1] -> the cache, a list of (k, v) a block."""
+        x, cache = self.embed(pictures, cameras, patch), []
         for i, block in enumerate(self.blocks):
             x, k, v = self.run(block.reconstruct, x, i == len(self.blocks) - 1)
             cache.append((k, v))
@@ -214,6 +218,17 @@ class Dvsm(nn.Module):
         x = self.embed_norm(x)
         for block, (k, v) in zip(self.blocks, cache):
             x = self.run(block.render, x, k, v)
+        return self.picture(x, grid, size)
+
+    def render_fast(self, pictures, near, far, size, patches):
+        """Both stages at once, the blocks in C."""
+        rays, grid, _ = self.rays(far, size, patches[1])
+        weights = [weight for block in self.blocks for weight in block.parameters()]
+        x = self.fast(self.embed(pictures, near, patches[0]), self.embed_norm(rays), weights)
+        return self.picture(x, grid, size)
+
+    def picture(self, x, grid, size):
+        """Tokens behind the blocks -> pictures [B, T, h, w, 3], unclamped."""
         y = self.to_rgb(self.final_norm(x))
         y = y.float() if y.dtype in (torch.float16, torch.bfloat16) else y
         rgb = torch.sigmoid(y) if self.config.rgb_out == "sigmoid" else 0.5 + 0.5 * y
@@ -230,6 +245,8 @@ class Dvsm(nn.Module):
             rotation, centre = geometry.normalise_poses(poses, context)
         near = (rotation[:, :context], centre[:, :context], intrinsics[:, :context])
         far = (rotation[:, context:], centre[:, context:], intrinsics[:, context:])
+        if self.fast:
+            return self.render_fast(pictures, near, far, target_size, patches)
         cache = self.reconstruct(pictures, near, patches[0])
         return self.render(cache, far, target_size, patches[1])
 

@@ -38,17 +38,26 @@ class Muon(torch.optim.Optimizer):
     def __init__(self, weights, lr, weight_decay, momentum=0.95, parts=None):
         super().__init__(weights, {"lr": lr, "weight_decay": weight_decay, "momentum": momentum})
         self.parts = parts or {}
+        self.native = None  # fast.Library, where the processor has it
+
+    def momentum(self, weight):
+        state = self.state[weight]
+        if "exp_avg" not in state:
+            state["exp_avg"] = torch.zeros_like(weight)
+        return state["exp_avg"]
 
     @torch.no_grad()
     def step(self, closure=None):
         for group in self.param_groups:
+            if self.native:
+                self.native.muon_step([(weight, weight.grad.contiguous(), self.momentum(weight),
+                                        self.parts.get(weight, 1)) for weight in group["params"]],
+                                      group)
+                continue
             shapes = {}
             for weight in group["params"]:
-                state = self.state[weight]
-                if "exp_avg" not in state:
-                    state["exp_avg"] = torch.zeros_like(weight)
-                state["exp_avg"].lerp_(weight.grad, 1 - group["momentum"])
-                update = weight.grad.lerp(state["exp_avg"], group["momentum"])
+                momentum = self.momentum(weight).lerp_(weight.grad, 1 - group["momentum"])
+                update = weight.grad.lerp(momentum, group["momentum"])
                 pieces = update.chunk(self.parts.get(weight, 1))
                 shapes.setdefault(pieces[0].shape, []).append((weight, pieces))
             for shape, entries in shapes.items():

@@ -7,6 +7,7 @@
 A run that finds a checkpoint in RUN goes on from it. RUN/model.safetensors is the exported average.
 """
 import argparse
+import ctypes
 import itertools
 import json
 import os
@@ -19,6 +20,7 @@ import torch.distributed as dist
 
 import checkpoint
 import data
+import fast
 import losses
 import model as dvsm
 import optim
@@ -43,6 +45,7 @@ def arguments():
     add("--threads", type=int, default=0, help="CPU threads of PyTorch (default: all)")
     add("--data-threads", type=int, default=1)
     add("--compile", action="store_true", help="torch.compile the blocks")
+    add("--plain", action="store_true", help="PyTorch alone, on a CPU that has the blocks in C too")
     add("--gradient-checkpointing", action="store_true")
     add("--vgg", help="torchvision's VGG-19 state dict, for the perceptual loss")
     add("--report-minutes", type=float, default=4, help="held-out figure, curve, sheet, checkpoint")
@@ -94,8 +97,13 @@ class Run:
             raise SystemExit(f"train: {args.init} is {net.config}, the recipe says {config}")
         net.checkpointing = args.gradient_checkpointing
         self.net = net.to(place.device).train()
+        if place.device.type == "cpu" and not getattr(args, "plain", True):
+            net.fast = fast.make_blocks(net)
         self.optimisers = optim.make_optimisers(net, recipe["optimiser"], recipe["lr"],
                                                 recipe["weight_decay"])
+        if net.fast:
+            for optimiser in self.optimisers:
+                optimiser.native = net.fast.library
         self.average = optim.Average(net, recipe["average_decay"])
         self.folder = os.path.join(args.out, "checkpoint")
         if os.path.exists(self.folder) or os.path.exists(f"{self.folder}.old"):
@@ -282,6 +290,18 @@ class Clock:
         self.wall, self.cpu = wall, cpu
 
 
+def keep_memory():
+    """Have glibc keep what a step frees: fresh pages cost a CPU as much as the sums done on them."""
+    trim_threshold, top_pad, mmap_threshold, arena_max = -1, -2, -3, -8
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except AttributeError:  # another C library
+        return
+    for parameter, value in ((mmap_threshold, 32 << 20), (trim_threshold, (1 << 31) - 1),
+                             (top_pad, 256 << 20), (arena_max, 1)):
+        mallopt(parameter, value)
+
+
 def loop(args, recipe, place, run, generator):
     loss_of = losses.Loss(args.vgg).to(place.device)
     weights = sum(weight.numel() for weight in run.net.parameters())
@@ -318,6 +338,7 @@ def loop(args, recipe, place, run, generator):
 
 def main():
     args = arguments()
+    keep_memory()
     with open(args.recipe, encoding="utf-8") as file:
         recipe = json.load(file)
     if args.threads:
