@@ -17,6 +17,8 @@ import sys
 import time
 import types
 
+import torch
+
 import data
 import losses
 import model as dvsm
@@ -28,6 +30,8 @@ import train
 class TwoStages(dvsm.Dvsm):
     """Weight sharing off: rendering has blocks of its own (an encoder and a decoder)."""
 
+    fast_options = 1
+
     def __init__(self, config):
         super().__init__(config)
         self.render_blocks = copy.deepcopy(self.blocks)
@@ -35,6 +39,9 @@ class TwoStages(dvsm.Dvsm):
         last = self.blocks[-1]
         for part in (last.cross.q_norm, last.cross.out, last.cross_mlp_norm, last.cross_mlp):
             part.requires_grad_(False)
+
+    def block_weights(self):
+        return [*self.blocks.parameters(), *self.render_blocks.parameters()]
 
     def render(self, cache, cameras, size, patch):
         shared, self.blocks = self.blocks, self.render_blocks
@@ -61,6 +68,8 @@ class LoneBlock(dvsm.Block):
 
 
 class LoneViews(dvsm.Dvsm):
+    fast_options = 2
+
     def __init__(self, config):
         super().__init__(config)
         for block in self.blocks:
@@ -77,7 +86,8 @@ def recipe(dim=192, heads=3, layers=4, patch=8, targets=8, optimiser="muon"):
         "optimiser": optimiser, "lr": 1e-3, "weight_decay": 0.05, "warmup_steps": 20,
         "schedule": "wsd", "clip": 1.0, "average_decay": 0.99,
         "stages": [{"mix": {f"64/{patch}/{patch}": 1.0}, "context": {str(CONTEXT): 1.0},
-                    "views": CONTEXT + targets, "tokens": 3072 * 64 // (patch * patch)}],
+                    "views": CONTEXT + targets, "tokens": 3072 * 64 // (patch * patch),
+                    "reuse": 2}],
     }
 
 
@@ -101,7 +111,7 @@ def measure(name, minutes, generator, place, held_out_scenes=48):
     """Train one variant; a row of the table."""
     _, chosen, network = VARIANTS[name]
     args = types.SimpleNamespace(seed=0, init=None, out="", gradient_checkpointing=False,
-                                 checkpoint_mib=None)
+                                 checkpoint_mib=None, plain=False)
     run = train.Run(args, chosen, place, network)
     patch = chosen["model"]["patch"]
     held_out = train.HeldOut(generator, held_out_scenes, CONTEXT, 4, patches=(patch, patch))
@@ -141,6 +151,8 @@ def main():
     parser.add_argument("--only", nargs="+", choices=VARIANTS, help="these variants alone")
     parser.add_argument("--library", help="libdio_sim.so (default: build/release/lib)")
     args = parser.parse_args()
+    train.keep_memory()
+    torch.set_num_threads(1)
     place, generator, rows = train.Place(), source.open_library(args.library), {}
     os.makedirs(args.out, exist_ok=True)
     for name in args.only or VARIANTS:

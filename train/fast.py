@@ -5,7 +5,6 @@ import os
 
 import torch
 
-import model as dvsm
 import source
 
 LIBRARY = os.path.join(source.LIBRARIES, "libdio_blocks.so")
@@ -26,7 +25,8 @@ class Library:
         self.create, self.destroy = library.dio_blocks_create, library.dio_blocks_destroy
         self.forward, self.backward = library.dio_blocks_forward, library.dio_blocks_backward
         pointer, number = ctypes.c_void_p, ctypes.c_int
-        self.create.restype, self.create.argtypes = pointer, 3 * [number] + [ctypes.c_float, number]
+        self.create.restype, self.create.argtypes = pointer, 3 * [number] + [ctypes.c_float, number,
+                                                                         ctypes.c_uint]
         self.destroy.restype, self.destroy.argtypes = None, [pointer]
         self.forward.argtypes = [pointer, pointer] + 5 * [number] + 3 * [pointer]
         self.backward.argtypes = 5 * [pointer]
@@ -51,11 +51,11 @@ def addresses(tensors):
 class Blocks:
     """All blocks of a network of one shape; holds what the backward pass of the last call needs."""
 
-    def __init__(self, library, config, threads):
+    def __init__(self, library, config, threads, options=0):
         self.library, self.handle = library, None
         self.config = config
         self.handle = library.create(config.dim, config.heads, config.layers, config.norm_eps,
-                                     threads)
+                                     threads, options)
         if not self.handle:
             raise MemoryError("dio_blocks_create: no memory")
 
@@ -93,12 +93,19 @@ class Function(torch.autograd.Function):
         return None, *dx, *gradients
 
 
-def make_blocks(net, path=LIBRARY):
-    """Blocks for a network, or None where PyTorch has to do: the library is not built, the
-    processor lacks AMX, or the network has another shape or blocks of its own."""
-    config = net.config
-    if type(net) is not dvsm.Dvsm or config.dim != 64 * config.heads or config.mlp_ratio != 4 \
-            or not os.path.exists(path):
+def open_library(path=None):
+    """The library, or None where it is not built or the processor lacks AMX."""
+    path = path or LIBRARY
+    if not os.path.exists(path):
         return None
     library = Library(path)
-    return Blocks(library, config, torch.get_num_threads()) if library.supported() else None
+    return library if library.supported() else None
+
+
+def make_blocks(net):
+    """Blocks for a network, or None where PyTorch has to do: there is no library, or the network
+    has another shape."""
+    config, library = net.config, open_library()
+    if not library or config.dim != 64 * config.heads or config.mlp_ratio != 4:
+        return None
+    return Blocks(library, config, torch.get_num_threads(), net.fast_options)

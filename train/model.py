@@ -159,6 +159,8 @@ class Block(nn.Module):
 class Dvsm(nn.Module):
     """Posed pictures in, other viewpoints out."""
 
+    fast_options = 0  # of blocks/blocks.h
+
     def __init__(self, config):
         super().__init__()
         self.config = config
@@ -220,11 +222,14 @@ class Dvsm(nn.Module):
             x = self.run(block.render, x, k, v)
         return self.picture(x, grid, size)
 
+    def block_weights(self):
+        return list(self.blocks.parameters())
+
     def render_fast(self, pictures, near, far, size, patches):
         """Both stages at once, the blocks in C."""
         rays, grid, _ = self.rays(far, size, patches[1])
-        weights = [weight for block in self.blocks for weight in block.parameters()]
-        x = self.fast(self.embed(pictures, near, patches[0]), self.embed_norm(rays), weights)
+        x = self.fast(self.embed(pictures, near, patches[0]), self.embed_norm(rays),
+                      self.block_weights())
         return self.picture(x, grid, size)
 
     def picture(self, x, grid, size):

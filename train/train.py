@@ -97,7 +97,7 @@ class Run:
             raise SystemExit(f"train: {args.init} is {net.config}, the recipe says {config}")
         net.checkpointing = args.gradient_checkpointing
         self.net = net.to(place.device).train()
-        if place.device.type == "cpu" and not getattr(args, "plain", True):
+        if place.device.type == "cpu" and not args.plain:
             net.fast = fast.make_blocks(net)
         self.optimisers = optim.make_optimisers(net, recipe["optimiser"], recipe["lr"],
                                                 recipe["weight_decay"])

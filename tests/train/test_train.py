@@ -19,6 +19,7 @@ if torch:
     import checkpoint
     import checks
     import data
+    import fast
     import geometry
     import losses
     import model as dvsm
@@ -78,7 +79,7 @@ def run_steps(run, generator, count):
 
 def make_run(folder, recipe=None, **extra):
     args = types.SimpleNamespace(seed=0, init=None, out=folder, gradient_checkpointing=False,
-                                 checkpoint_mib=None)
+                                 checkpoint_mib=None, plain=True)
     vars(args).update(extra)
     return train.Run(args, recipe or RECIPE, train.Place())
 
@@ -238,6 +239,60 @@ class Trainer(unittest.TestCase):
             self.assertEqual(torch.equal(a, b), alone)
         lone = keys(nets[ablate.LoneViews], pictures[:, :3])[0][0]
         self.assertLess((lone - keys(nets[dvsm.Dvsm], pictures[:, :3])[0][0]).abs().max(), 1e-5)
+
+    def gradients(self, net, blocks, views, patches, exact=False):
+        """(pictures, gradients by name) of a network whose blocks are PyTorch's or `blocks`."""
+        pictures, poses, intrinsics = Smooth().batch(3, 2, views + 3, (24, 20))
+        torch.manual_seed(5)
+        pictures = torch.rand_like(pictures)
+        net.fast = blocks
+        net.zero_grad()
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=not exact):
+            got = net(pictures[:, :views], poses, intrinsics, (24, 20), patches)
+        (got.float() - pictures[:, views:]).square().mean().backward()
+        return got.detach(), {name: weight.grad for name, weight in net.named_parameters()
+                              if weight.grad is not None}
+
+    def test_blocks_in_c_have_the_gradients_of_pytorch(self):
+        config = dvsm.Config(dim=128, heads=2, layers=2, patch=4)
+        for kind in (dvsm.Dvsm, ablate.TwoStages, ablate.LoneViews):
+            net = kind(config)
+            blocks = fast.make_blocks(net)
+            if not blocks:
+                self.skipTest("no AMX, or libdio_blocks.so was not built")
+            with torch.no_grad():  # scores and norms that are not trivial
+                for weight in net.parameters():
+                    weight.add_(torch.randn_like(weight) * (0.1 if weight.dim() == 1 else 0.03))
+            for views, patches in ((1, (4, 4)), (3, (4, 8)), (4, (8, 4))):
+                with self.subTest(kind.__name__, views=views, patches=patches):
+                    want, slopes = self.gradients(net, None, views, patches, exact=True)
+                    got, fast_slopes = self.gradients(net, blocks, views, patches)
+                    # bfloat16 has 8 bits: 0.4 % a rounding, summed over a dozen of layers.
+                    self.assertLess((got - want).norm(), 0.01 * want.norm())
+                    for name, slope in slopes.items():
+                        apart = (fast_slopes[name] - slope).norm()
+                        self.assertLess(apart, 0.08 * slope.norm() + 1e-7, name)
+
+    def test_muon_in_c_steps_as_pytorch_does(self):
+        library = fast.open_library()
+        if not library:
+            self.skipTest("no AMX, or libdio_blocks.so was not built")
+        shapes, weights, optimisers = ((192, 64), (64, 64), (256, 64), (64, 256)), [], []
+        for native in (None, library):
+            torch.manual_seed(2)
+            mine = [torch.nn.Parameter(0.02 * torch.randn(*shape)) for shape in shapes]
+            weights.append(mine)
+            optimisers.append(optim.Muon(mine, 1e-3, 0.05, parts={mine[0]: 3}))
+            optimisers[-1].native = native
+        start = [weight.detach().clone() for weight in weights[0]]
+        for _ in range(3):
+            for a, b in zip(*weights):
+                a.grad = torch.randn_like(a)
+                b.grad = a.grad.clone()
+            for optimiser in optimisers:
+                optimiser.step()
+        for a, b, first in zip(*weights, start):
+            self.assertLess((a - b).norm(), 0.05 * (a - first).norm())
 
     def test_a_gpu_draws_the_pictures_of_the_cpu(self):
         if not torch.cuda.is_available() or not os.path.exists(source.CUDA_LIBRARY):

@@ -8,11 +8,13 @@
 #include <unistd.h>
 
 /* The intrinsics of gcc 12 do not tell it that tiles read and write memory; these do. */
-#define TILE_LOAD(tile, base, stride) \
-	__asm__ volatile("tileloadd (%0,%1,1), %%tmm" #tile ::"r"(base), "r"((long)(stride)) : "memory")
-#define TILE_STORE(tile, base, stride) \
-	__asm__ volatile("tilestored %%tmm" #tile ", (%0,%1,1)" ::"r"(base), "r"((long)(stride)) : "memory")
-#define TILE_ZERO(tile) __asm__ volatile("tilezero %%tmm" #tile ::)
+#define TILE_LOAD(tile, base, stride)                                                              \
+	__asm__ volatile("tileloadd (%0,%1,1), %%tmm" #tile ::"r"(base), "r"((long)(stride))       \
+			 : "memory")
+#define TILE_STORE(tile, base, stride)                                                             \
+	__asm__ volatile("tilestored %%tmm" #tile ", (%0,%1,1)" ::"r"(base), "r"((long)(stride))   \
+			 : "memory")
+#define TILE_ZERO(tile)   __asm__ volatile("tilezero %%tmm" #tile ::)
 #define TILE_DOT(c, a, b) __asm__ volatile("tdpbf16ps %%tmm" #b ", %%tmm" #a ", %%tmm" #c ::)
 
 /* Eight tiles of 16 rows of 64 bytes, for the calling thread. */
@@ -31,7 +33,8 @@ static inline void tiles_release(void)
 	__asm__ volatile("tilerelease" ::: "memory");
 }
 
-/* The processor has AMX with bfloat16 and AVX-512 with bfloat16, and the kernel lets us use them. */
+/* The processor has AMX with bfloat16 and AVX-512 with bfloat16, and the kernel lets us use them.
+ */
 static inline bool tiles_supported(void)
 {
 	enum { REQUEST_PERMISSION = 0x1023, TILE_DATA = 18 };
@@ -39,7 +42,8 @@ static inline bool tiles_supported(void)
 	if (!__get_cpuid_count(7, 0, &a, &b, &c, &d) || !(d >> 22 & 1) || !(d >> 24 & 1)) {
 		return false;
 	}
-	if (!(b >> 16 & 1) || !(b >> 30 & 1) || !__get_cpuid_count(7, 1, &a, &b, &c, &d) || !(a >> 5 & 1)) {
+	if (!(b >> 16 & 1) || !(b >> 30 & 1) || !__get_cpuid_count(7, 1, &a, &b, &c, &d) ||
+	    !(a >> 5 & 1)) {
 		return false;
 	}
 	return syscall(SYS_arch_prctl, REQUEST_PERMISSION, TILE_DATA) == 0;
@@ -70,12 +74,12 @@ static inline void tiles_store(float *c, long stride)
 }
 
 /*
- * Add `steps` products of 32 x 32 to the accumulators. Rows 0-15 of the left factor start at a0, rows
- * 16-31 at a1, `stride` bytes apart; the next step's lie `advance` bytes on. The right factor is a
- * packed panel: two tiles a step.
+ * Add `steps` products of 32 x 32 to the accumulators. Rows 0-15 of the left factor start at a0,
+ * rows 16-31 at a1, `stride` bytes apart; the next step's lie `advance` bytes on. The right factor
+ * is a packed panel: two tiles a step.
  */
 static inline void tiles_multiply(const void *a0, const void *a1, long stride, long advance,
-	const uint16_t *panel, int steps)
+				  const uint16_t *panel, int steps)
 {
 	const char *first = a0, *second = a1;
 	for (int i = 0; i < steps; i++, first += advance, second += advance, panel += 1024) {

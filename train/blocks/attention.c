@@ -37,21 +37,27 @@ static float inverse_rms(const uint16_t *row, float eps)
 
 /* QK-norm, times `scale`. */
 static void norm_head(const uint16_t *from, int stride, int rows, const float *weight, float scale,
-	float eps, uint16_t *to)
+		      float eps, uint16_t *to)
 {
 	for (int r = 0; r < rows; r++, from += stride) {
 		__m512 s = _mm512_set1_ps(inverse_rms(from, eps) * scale);
 		for (int i = 0; i < HEAD; i += 16) {
 			store_bf16_16(to + (size_t)r * HEAD + i,
-				_mm512_mul_ps(_mm512_mul_ps(load_bf16(from + i), s), _mm512_loadu_ps(weight + i)));
+				      _mm512_mul_ps(_mm512_mul_ps(load_bf16(from + i), s),
+						    _mm512_loadu_ps(weight + i)));
 		}
 	}
 	clear_rows(to, rows, round_up32(rows));
 }
 
-/* Back through QK-norm of one row, whose output times `scale` has the gradient dy. */
+static void add_bf16(uint16_t *to, __m512 x)
+{
+	store_bf16_16(to, _mm512_add_ps(load_bf16(to), x));
+}
+
+/* Back through QK-norm of one row, whose output times `scale` has the gradient dy; adds to dx. */
 static void norm_head_back(const uint16_t *row, const float *dy, const float *weight, float scale,
-	float eps, float *dweight, uint16_t *dx)
+			   float eps, float *dweight, uint16_t *dx)
 {
 	__m512 inverse = _mm512_set1_ps(inverse_rms(row, eps)), along = _mm512_setzero_ps();
 	__m512 unit[HEAD / 16], g[HEAD / 16];
@@ -59,13 +65,14 @@ static void norm_head_back(const uint16_t *row, const float *dy, const float *we
 		unit[i] = _mm512_mul_ps(load_bf16(row + 16 * i), inverse);
 		g[i] = _mm512_mul_ps(_mm512_loadu_ps(dy + 16 * i), _mm512_set1_ps(scale));
 		_mm512_storeu_ps(dweight + 16 * i,
-			_mm512_fmadd_ps(g[i], unit[i], _mm512_loadu_ps(dweight + 16 * i)));
+				 _mm512_fmadd_ps(g[i], unit[i], _mm512_loadu_ps(dweight + 16 * i)));
 		g[i] = _mm512_mul_ps(g[i], _mm512_loadu_ps(weight + 16 * i));
 		along = _mm512_fmadd_ps(g[i], unit[i], along);
 	}
 	__m512 mean = _mm512_set1_ps(_mm512_reduce_add_ps(along) / HEAD);
 	for (int i = 0; i < HEAD / 16; i++) {
-		store_bf16_16(dx + 16 * i, _mm512_mul_ps(_mm512_fnmadd_ps(unit[i], mean, g[i]), inverse));
+		add_bf16(dx + 16 * i,
+			 _mm512_mul_ps(_mm512_fnmadd_ps(unit[i], mean, g[i]), inverse));
 	}
 }
 
@@ -76,7 +83,7 @@ static float score_scale(void)
 
 /* Exponentials of 32 rows of scores, to bfloat16; 1 / sum and the logarithm of the sum. */
 static void exponentials(float *scores, int ld, int keys, uint16_t *shares, int ldp, float *inverse,
-	float *log_sums)
+			 float *log_sums)
 {
 	int padded = round_up32(keys);
 	for (int r = 0; r < 32; r++, scores += ld, shares += ldp) {
@@ -91,7 +98,8 @@ static void exponentials(float *scores, int ld, int keys, uint16_t *shares, int 
 		top = _mm512_set1_ps(most);
 		for (int i = 0; i < padded; i += 32) {
 			__m512 a = exponential(_mm512_sub_ps(_mm512_loadu_ps(scores + i), top));
-			__m512 b = exponential(_mm512_sub_ps(_mm512_loadu_ps(scores + i + 16), top));
+			__m512 b =
+				exponential(_mm512_sub_ps(_mm512_loadu_ps(scores + i + 16), top));
 			sum = _mm512_add_ps(sum, _mm512_add_ps(a, b));
 			store_bf16(shares + i, a, b);
 		}
@@ -102,7 +110,7 @@ static void exponentials(float *scores, int ld, int keys, uint16_t *shares, int 
 }
 
 void attention_forward(const struct attention_shape *shape, const struct attention_rows *rows,
-	const uint16_t *qkv, uint16_t *attended, struct attention_scratch *t)
+		       const uint16_t *qkv, uint16_t *attended, struct attention_scratch *t)
 {
 	int ld = 3 * shape->dim, keys = round_up32(rows->keys), queries = round_up32(rows->queries);
 	int lds = keys + 16, ldp = keys + 32;
@@ -119,14 +127,15 @@ void attention_forward(const struct attention_shape *shape, const struct attenti
 		const uint16_t *a = t->q + (size_t)r * HEAD;
 		for (int c = 0; c < keys; c += 32) {
 			tiles_zero();
-			tiles_multiply(a, a + 16 * HEAD, HEAD * 2, 64, t->k_columns + (size_t)c * HEAD, HEAD / 32);
+			tiles_multiply(a, a + 16 * HEAD, HEAD * 2, 64,
+				       t->k_columns + (size_t)c * HEAD, HEAD / 32);
 			tiles_store(t->scores + c, (long)lds * 4);
 		}
 		exponentials(t->scores, lds, rows->keys, t->shares, ldp, inverse, log_sums);
 		for (int c = 0; c < HEAD; c += 32) {
 			tiles_zero();
 			tiles_multiply(t->shares, t->shares + (size_t)16 * ldp, (long)ldp * 2, 64,
-				t->v_pairs + (size_t)c * keys, keys / 32);
+				       t->v_pairs + (size_t)c * keys, keys / 32);
 			tiles_store(out + c, HEAD * 4);
 		}
 		int count = rows->queries - r < 32 ? rows->queries - r : 32;
@@ -135,7 +144,8 @@ void attention_forward(const struct attention_shape *shape, const struct attenti
 			__m512 scale = _mm512_set1_ps(inverse[i]);
 			shape->log_sums[row] = log_sums[i];
 			for (int c = 0; c < HEAD; c += 16) {
-				store_bf16_16(attended + row * shape->dim + shape->head * HEAD + c,
+				store_bf16_16(
+					attended + row * shape->dim + shape->head * HEAD + c,
 					_mm512_mul_ps(_mm512_load_ps(out + i * HEAD + c), scale));
 			}
 		}
@@ -144,7 +154,7 @@ void attention_forward(const struct attention_shape *shape, const struct attenti
 
 /* Rows of g . o, and the logarithms of the sums; padding gets shares of 0. */
 static void query_sums(const struct attention_shape *shape, const struct attention_rows *rows,
-	const uint16_t *attended, struct attention_scratch *t)
+		       const uint16_t *attended, struct attention_scratch *t)
 {
 	for (int r = 0; r < round_up32(rows->queries); r++) {
 		if (r >= rows->queries) {
@@ -156,7 +166,8 @@ static void query_sums(const struct attention_shape *shape, const struct attenti
 		const uint16_t *o = attended + row * shape->dim + shape->head * HEAD;
 		__m512 sum = _mm512_setzero_ps();
 		for (int i = 0; i < HEAD; i += 16) {
-			sum = _mm512_fmadd_ps(load_bf16(o + i), load_bf16(t->g + (size_t)r * HEAD + i), sum);
+			sum = _mm512_fmadd_ps(load_bf16(o + i),
+					      load_bf16(t->g + (size_t)r * HEAD + i), sum);
 		}
 		t->g_dot_o[r] = _mm512_reduce_add_ps(sum);
 		t->log_sums[r] = shape->log_sums[row];
@@ -165,16 +176,18 @@ static void query_sums(const struct attention_shape *shape, const struct attenti
 
 /* 32 keys x 32 queries: shares of the softmax and slopes of the scores, keys in rows. */
 static void shares_and_slopes(const float *scores, const float *dshares, int keys, int query,
-	struct attention_scratch *t, int ldp, uint16_t *pairs)
+			      struct attention_scratch *t, int ldp, uint16_t *pairs)
 {
 	for (int i = 0; i < 32; i++) {
-		uint16_t *share = t->shares + (size_t)i * ldp + query, *slope = t->slopes + (size_t)i * ldp + query;
+		uint16_t *share = t->shares + (size_t)i * ldp + query,
+			 *slope = t->slopes + (size_t)i * ldp + query;
 		for (int j = 0; j < 32; j += 16) {
-			__m512 p = exponential(_mm512_sub_ps(_mm512_load_ps(scores + i * 32 + j),
-				_mm512_loadu_ps(t->log_sums + query + j)));
+			__m512 p = exponential(
+				_mm512_sub_ps(_mm512_load_ps(scores + i * 32 + j),
+					      _mm512_loadu_ps(t->log_sums + query + j)));
 			p = i < keys ? p : _mm512_setzero_ps();
 			__m512 d = _mm512_sub_ps(_mm512_load_ps(dshares + i * 32 + j),
-				_mm512_loadu_ps(t->g_dot_o + query + j));
+						 _mm512_loadu_ps(t->g_dot_o + query + j));
 			store_bf16_16(share + j, p);
 			store_bf16_16(slope + j, _mm512_mul_ps(p, d));
 		}
@@ -183,8 +196,8 @@ static void shares_and_slopes(const float *scores, const float *dshares, int key
 }
 
 void attention_backward(const struct attention_shape *shape, const struct attention_rows *rows,
-	const uint16_t *qkv, const uint16_t *attended, const uint16_t *gradient, uint16_t *dqkv,
-	float *dq_norm, float *dk_norm, struct attention_scratch *t)
+			const uint16_t *qkv, const uint16_t *attended, const uint16_t *gradient,
+			uint16_t *dqkv, float *dq_norm, float *dk_norm, struct attention_scratch *t)
 {
 	int dim = shape->dim, ld = 3 * dim, keys = round_up32(rows->keys);
 	int queries = round_up32(rows->queries), ldp = queries + 32;
@@ -193,7 +206,8 @@ void attention_backward(const struct attention_shape *shape, const struct attent
 	norm_head(qkv + q_at, ld, rows->queries, shape->q_norm, score_scale(), shape->eps, t->q);
 	norm_head(qkv + k_at, ld, rows->keys, shape->k_norm, 1.0f, shape->eps, t->k);
 	copy_rows(qkv + k_at + dim, ld, rows->keys, t->v);
-	copy_rows(gradient + (size_t)rows->query * dim + shape->head * HEAD, dim, rows->queries, t->g);
+	copy_rows(gradient + (size_t)rows->query * dim + shape->head * HEAD, dim, rows->queries,
+		  t->g);
 	query_sums(shape, rows, attended, t);
 	pack_columns(t->q, HEAD, queries, HEAD, t->q_columns, HEAD);
 	pack_columns(t->g, HEAD, queries, HEAD, t->g_columns, HEAD);
@@ -205,37 +219,39 @@ void attention_backward(const struct attention_shape *shape, const struct attent
 		const uint16_t *key = t->k + (size_t)k * HEAD, *value = t->v + (size_t)k * HEAD;
 		for (int c = 0; c < queries; c += 32) {
 			tiles_zero();
-			tiles_multiply(key, key + 16 * HEAD, HEAD * 2, 64, t->q_columns + (size_t)c * HEAD, HEAD / 32);
+			tiles_multiply(key, key + 16 * HEAD, HEAD * 2, 64,
+				       t->q_columns + (size_t)c * HEAD, HEAD / 32);
 			tiles_store(scores, 32 * 4);
 			tiles_zero();
-			tiles_multiply(value, value + 16 * HEAD, HEAD * 2, 64, t->g_columns + (size_t)c * HEAD,
-				HEAD / 32);
+			tiles_multiply(value, value + 16 * HEAD, HEAD * 2, 64,
+				       t->g_columns + (size_t)c * HEAD, HEAD / 32);
 			tiles_store(dshares, 32 * 4);
 			shares_and_slopes(scores, dshares, rows->keys - k, c, t, ldp,
-				t->slope_pairs + (size_t)c * keys + (size_t)k * 32);
+					  t->slope_pairs + (size_t)c * keys + (size_t)k * 32);
 		}
 		int count = rows->keys - k < 32 ? rows->keys - k : 32;
 		for (int c = 0; c < HEAD; c += 32) {
 			tiles_zero();
 			tiles_multiply(t->shares, t->shares + (size_t)16 * ldp, (long)ldp * 2, 64,
-				t->g_pairs + (size_t)c * queries, queries / 32);
+				       t->g_pairs + (size_t)c * queries, queries / 32);
 			tiles_store(out + c, HEAD * 4);
 		}
 		for (int i = 0; i < count; i++) {
 			for (int c = 0; c < HEAD; c += 16) {
-				store_bf16_16(dqkv + k_at + dim + (size_t)(k + i) * ld + c,
-					_mm512_load_ps(out + i * HEAD + c));
+				add_bf16(dqkv + k_at + dim + (size_t)(k + i) * ld + c,
+					 _mm512_load_ps(out + i * HEAD + c));
 			}
 		}
 		for (int c = 0; c < HEAD; c += 32) {
 			tiles_zero();
 			tiles_multiply(t->slopes, t->slopes + (size_t)16 * ldp, (long)ldp * 2, 64,
-				t->q_pairs + (size_t)c * queries, queries / 32);
+				       t->q_pairs + (size_t)c * queries, queries / 32);
 			tiles_store(out + c, HEAD * 4);
 		}
 		for (int i = 0; i < count; i++) {
 			size_t at = k_at + (size_t)(k + i) * ld;
-			norm_head_back(qkv + at, out + i * HEAD, shape->k_norm, 1.0f, shape->eps, dk_norm, dqkv + at);
+			norm_head_back(qkv + at, out + i * HEAD, shape->k_norm, 1.0f, shape->eps,
+				       dk_norm, dqkv + at);
 		}
 	}
 	/* dq^T [HEAD][queries] = k^T slopes^T, then row by row back through QK-norm. */
@@ -244,7 +260,8 @@ void attention_backward(const struct attention_shape *shape, const struct attent
 		for (int r = 0; r < HEAD; r += 32) {
 			const uint16_t *a = t->k_transposed + (size_t)r * keys;
 			tiles_zero();
-			tiles_multiply(a, a + (size_t)16 * keys, 64, 1024, t->slope_pairs + (size_t)c * keys, keys / 32);
+			tiles_multiply(a, a + (size_t)16 * keys, 64, 1024,
+				       t->slope_pairs + (size_t)c * keys, keys / 32);
 			tiles_store(columns + r * 32, 32 * 4);
 		}
 		for (int r = 0; r < HEAD; r += 16) {
@@ -262,8 +279,8 @@ void attention_backward(const struct attention_shape *shape, const struct attent
 		int count = rows->queries - c < 32 ? rows->queries - c : 32;
 		for (int i = 0; i < count; i++) {
 			size_t at = q_at + (size_t)(c + i) * ld;
-			norm_head_back(qkv + at, out + i * HEAD, shape->q_norm, score_scale(), shape->eps, dq_norm,
-				dqkv + at);
+			norm_head_back(qkv + at, out + i * HEAD, shape->q_norm, score_scale(),
+				       shape->eps, dq_norm, dqkv + at);
 		}
 	}
 }

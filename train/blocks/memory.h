@@ -17,7 +17,8 @@ static inline void *take(struct arena *arena, size_t count, size_t size)
 	return arena->base ? arena->base + at : NULL;
 }
 
-/* In huge pages where there are some: tiles touch more small ones than the processor keeps track of. */
+/* In huge pages where there are some: tiles touch more small ones than the processor keeps track
+ * of. */
 static inline char *allocate(size_t bytes)
 {
 	const size_t huge = (size_t)2 << 20;

@@ -35,7 +35,7 @@ static size_t place(struct scratch *s, size_t largest, char *base)
 
 /* Move the momentum and write what it and the gradient say to x, at unit Frobenius norm. */
 static void direction(const float *gradient, float *momentum, size_t count, float inertia,
-	struct scratch *s)
+		      struct scratch *s)
 {
 	__m512 keep = _mm512_set1_ps(inertia), step = _mm512_set1_ps(1 - inertia);
 	__m512 squares = _mm512_setzero_ps();
@@ -50,19 +50,20 @@ static void direction(const float *gradient, float *momentum, size_t count, floa
 	__m512 scale = _mm512_set1_ps(1.0f / (sqrtf(_mm512_reduce_add_ps(squares)) + 1e-30f));
 	for (size_t i = 0; i < count; i += 32) {
 		store_bf16(s->x + i, _mm512_mul_ps(_mm512_loadu_ps(s->wide + i), scale),
-			_mm512_mul_ps(_mm512_loadu_ps(s->wide + i + 16), scale));
+			   _mm512_mul_ps(_mm512_loadu_ps(s->wide + i + 16), scale));
 	}
 }
 
 /* out = a x + b y, in bfloat16 */
-static void combine(float a, const uint16_t *x, float b, const float *y, size_t count, uint16_t *out)
+static void combine(float a, const uint16_t *x, float b, const float *y, size_t count,
+		    uint16_t *out)
 {
 	__m512 scale_x = _mm512_set1_ps(a), scale_y = _mm512_set1_ps(b);
 	for (size_t i = 0; i < count; i += 32) {
 		__m512 low = _mm512_mul_ps(_mm512_loadu_ps(y + i), scale_y);
 		__m512 high = _mm512_mul_ps(_mm512_loadu_ps(y + i + 16), scale_y);
 		store_bf16(out + i, _mm512_fmadd_ps(load_bf16(x + i), scale_x, low),
-			_mm512_fmadd_ps(load_bf16(x + i + 16), scale_x, high));
+			   _mm512_fmadd_ps(load_bf16(x + i + 16), scale_x, high));
 	}
 }
 
@@ -89,13 +90,14 @@ static void newton_schulz(struct scratch *s, int rows, int cols)
 		product(s->x, cols, s->right, cols, rows, cols, cols, s->wide, cols, false);
 	} else {
 		pack_pairs(s->x, cols, rows, cols, s->right, rows);
-		product(s->polynomial, side, s->right, rows, rows, cols, rows, s->wide, cols, false);
+		product(s->polynomial, side, s->right, rows, rows, cols, rows, s->wide, cols,
+			false);
 	}
 	combine(a, s->x, 1.0f, s->wide, count, s->x);
 }
 
 static void step_part(const struct work *work, const struct dio_muon_weight *w, int part,
-	struct scratch *s)
+		      struct scratch *s)
 {
 	size_t count = (size_t)w->rows * w->cols, at = count * part;
 	direction(w->gradient + at, w->momentum + at, count, work->inertia, s);
@@ -123,7 +125,8 @@ static void *run(void *argument)
 	place(&scratch, work->largest, memory);
 	tiles_configure();
 	for (int taken = atomic_fetch_add(&work->next, 1), at = 0, i = 0; i < work->count; i++) {
-		for (; taken < at + work->weights[i].parts; taken = atomic_fetch_add(&work->next, 1)) {
+		for (; taken < at + work->weights[i].parts;
+		     taken = atomic_fetch_add(&work->next, 1)) {
 			step_part(work, &work->weights[i], taken - at, &scratch);
 		}
 		at += work->weights[i].parts;
@@ -134,12 +137,16 @@ static void *run(void *argument)
 }
 
 int dio_muon_step(const struct dio_muon_weight *weights, int count, float rate, float decay,
-	float inertia, int threads)
+		  float inertia, int threads)
 {
-	struct work work = {.weights = weights, .count = count, .rate = rate, .decay = decay,
-		.inertia = inertia};
+	struct work work = {.weights = weights,
+			    .count = count,
+			    .rate = rate,
+			    .decay = decay,
+			    .inertia = inertia};
 	for (int i = 0; i < count; i++) {
-		size_t rows = (size_t)weights[i].rows, cols = (size_t)weights[i].cols, size = rows * cols;
+		size_t rows = (size_t)weights[i].rows, cols = (size_t)weights[i].cols,
+		       size = rows * cols;
 		work.largest = size > work.largest ? size : work.largest;
 	}
 	pthread_t started[MAX_THREADS];

@@ -9,11 +9,12 @@ struct dio_muon_weight {
 };
 
 /**
- * momentum moves towards the gradient by 1 - inertia; the gradient moved towards it by inertia is made
- * orthogonal by five steps of the quintic Newton-Schulz iteration in bfloat16, scaled to the size of
- * AdamW's step, and taken.
+ * momentum moves towards the gradient by 1 - inertia; the gradient moved towards it by inertia is
+ * made orthogonal by five steps of the quintic Newton-Schulz iteration in bfloat16, scaled to the
+ * size of AdamW's step, and taken.
  *
  * Returns 0, or -1 without memory or threads, and nothing was stepped.
  */
-int dio_muon_step(const struct dio_muon_weight *weights, int count, float rate, float decay,
-	float inertia, int threads);
+__attribute__((visibility("default"))) int dio_muon_step(const struct dio_muon_weight *weights,
+							 int count, float rate, float decay,
+							 float inertia, int threads);

@@ -112,8 +112,8 @@ static inline __m512i pair(const uint16_t *upper, const uint16_t *lower)
 
 /*
  * The packings. x is [rows][cols] of bfloat16, `stride` apart; rows and cols are multiples of 32. A
- * tile is 512 values; a panel covers 32 columns of a right factor or 16 rows of a left one, its tiles
- * in the order of the inner dimension, whose whole length is `inner`.
+ * tile is 512 values; a panel covers 32 columns of a right factor or 16 rows of a left one, its
+ * tiles in the order of the inner dimension, whose whole length is `inner`.
  *
  * pairs:       right factor x itself: inner dimension = rows
  * columns:     right factor x^T: inner dimension = cols
@@ -122,11 +122,12 @@ static inline __m512i pair(const uint16_t *upper, const uint16_t *lower)
  * Where x holds only a part of the inner dimension, `out` points into the first panel.
  */
 static inline void pack_pairs(const uint16_t *x, int stride, int rows, int cols, uint16_t *out,
-	int inner)
+			      int inner)
 {
 	for (int r = 0; r < rows; r += 32) {
 		for (int c = 0; c < cols; c += 16) {
-			uint16_t *tile = out + (size_t)(c / 32) * inner * 32 + (size_t)r * 32 + c % 32 * 32;
+			uint16_t *tile =
+				out + (size_t)(c / 32) * inner * 32 + (size_t)r * 32 + c % 32 * 32;
 			for (int i = 0; i < 16; i++) {
 				const uint16_t *at = x + (size_t)(r + 2 * i) * stride + c;
 				_mm512_storeu_si512(tile + i * 32, pair(at, at + stride));
@@ -136,12 +137,13 @@ static inline void pack_pairs(const uint16_t *x, int stride, int rows, int cols,
 }
 
 static inline void pack_columns(const uint16_t *x, int stride, int rows, int cols, uint16_t *out,
-	int inner)
+				int inner)
 {
 	__m512i words[16];
 	for (int r = 0; r < rows; r += 16) {
 		for (int c = 0; c < cols; c += 32) {
-			uint16_t *tile = out + (size_t)(r / 32) * inner * 32 + (size_t)c * 32 + r % 32 * 32;
+			uint16_t *tile =
+				out + (size_t)(r / 32) * inner * 32 + (size_t)c * 32 + r % 32 * 32;
 			for (int i = 0; i < 16; i++) {
 				words[i] = _mm512_loadu_si512(x + (size_t)(r + i) * stride + c);
 			}
@@ -154,7 +156,7 @@ static inline void pack_columns(const uint16_t *x, int stride, int rows, int col
 }
 
 static inline void pack_transposed(const uint16_t *x, int stride, int rows, int cols, uint16_t *out,
-	int inner)
+				   int inner)
 {
 	__m512i words[16];
 	for (int r = 0; r < rows; r += 32) {
