@@ -23,13 +23,13 @@ struct attention_shape {
  */
 struct attention_scratch {
 	uint16_t *q, *k, *v, *g; /* g: gradient of what was attended */
-	uint16_t *q_columns, *k_columns, *g_columns, *v_columns;
+	uint16_t *q_columns, *k_columns, *g_columns;
 	uint16_t *q_pairs, *v_pairs, *g_pairs;
 	uint16_t *k_transposed;
 	float *scores;             /* [32][rows + 16] */
 	uint16_t *shares, *slopes; /* [32][rows + 32] */
 	uint16_t *slope_pairs;     /* [keys][queries] */
-	float *g_dot_o, *log_sums, *dq;
+	float *g_dot_o, *log_sums;
 };
 
 /* qkv [rows][3 dim] -> attended [rows][dim], this head's columns. */

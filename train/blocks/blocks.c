@@ -129,7 +129,7 @@ struct dio_blocks *dio_blocks_create(int dim, int heads, int layers, float eps, 
 void dio_blocks_destroy(struct dio_blocks *b)
 {
 	if (b) {
-		batch_free(b);
+		free(b->batch);
 		free(b->packed);
 		free(b->halves);
 		free(b);

@@ -10,108 +10,93 @@ static int round_up(int n, int unit)
 	return (n + unit - 1) / unit * unit;
 }
 
-static size_t place_scene(const struct dio_blocks *b, struct scene *scene, char *base)
+static void place_scene(const struct dio_blocks *b, struct arena *arena, struct scene *scene)
 {
-	struct arena arena = {base, 0};
 	size_t rows = (size_t)b->rows, dim = (size_t)b->dim;
-	scene->x = take(&arena, rows * dim, sizeof(float));
 	struct saved unused;
+	scene->halves = take(arena, (size_t)b->layers * 2, sizeof(*scene->halves));
+	scene->x = take(arena, rows * dim, sizeof(float));
 	for (int i = 0; i < 2 * b->layers; i++) {
-		struct saved *s = base ? &scene->halves[i] : &unused;
-		s->attention_in = take(&arena, rows * dim, 2);
-		s->qkv = take(&arena, rows * dim * 3, 2);
-		s->attended = take(&arena, rows * dim, 2);
-		s->mlp_in = take(&arena, rows * dim, 2);
-		s->hidden = take(&arena, rows * (size_t)b->hidden, 2);
-		s->attention_rstd = take(&arena, rows, sizeof(float));
-		s->mlp_rstd = take(&arena, rows, sizeof(float));
-		s->log_sums = take(&arena, rows * (size_t)b->heads, sizeof(float));
+		struct saved *s = scene->halves ? &scene->halves[i] : &unused;
+		s->attention_in = take(arena, rows * dim, 2);
+		s->qkv = take(arena, rows * dim * 3, 2);
+		s->attended = take(arena, rows * dim, 2);
+		s->mlp_in = take(arena, rows * dim, 2);
+		s->hidden = take(arena, rows * (size_t)b->hidden, 2);
+		s->attention_rstd = take(arena, rows, sizeof(float));
+		s->mlp_rstd = take(arena, rows, sizeof(float));
+		s->log_sums = take(arena, rows * (size_t)b->heads, sizeof(float));
 	}
-	return arena.used;
 }
 
-static size_t place_scratch(const struct dio_blocks *b, struct scratch *s, char *base)
+static void place_attention(const struct dio_blocks *b, struct arena *arena,
+			    struct attention_scratch *t)
 {
-	struct arena arena = {base, 0};
-	size_t rows = (size_t)b->rows, dim = (size_t)b->dim, hidden = (size_t)b->hidden;
-	s->gradients = take(&arena, gradient_floats(b), sizeof(float));
-	s->a = take(&arena, rows * hidden, 2);
-	s->b = take(&arena, rows * hidden, 2);
-	s->rows = take(&arena, rows * dim, 2);
-	s->hidden = take(&arena, (size_t)CHUNK * hidden * 2, 2);
-	s->hidden_rows = take(&arena, rows * dim, 2);
-	s->wide = take(&arena, rows * dim * 3, 2);
-	s->chunk = take(&arena, (size_t)CHUNK * dim, sizeof(float));
-	struct attention_scratch *t = &s->attention;
-	size_t heads_rows = rows * HEAD;
+	size_t rows = (size_t)b->rows, keys = (size_t)b->context_rows;
+	/* Within a view targets are keys too. */
+	size_t within = (size_t)round_up(b->near > b->far ? b->near : b->far, 32);
 	uint16_t **halves[] = {&t->q,         &t->k,         &t->v,           &t->g,
 			       &t->q_columns, &t->k_columns, &t->g_columns,   &t->q_pairs,
 			       &t->v_pairs,   &t->g_pairs,   &t->k_transposed};
 	for (size_t i = 0; i < sizeof(halves) / sizeof(*halves); i++) {
-		*halves[i] = take(&arena, heads_rows, 2);
+		*halves[i] = take(arena, rows * HEAD, 2);
 	}
-	t->scores = take(&arena, 32 * (rows + 16), sizeof(float));
-	t->shares = take(&arena, 32 * (rows + 32), 2);
-	t->slopes = take(&arena, 32 * (rows + 32), 2);
-	t->slope_pairs = take(&arena, rows * (size_t)b->context_rows + rows * 32, 2);
-	t->g_dot_o = take(&arena, rows, sizeof(float));
-	t->log_sums = take(&arena, rows, sizeof(float));
-	t->dq = take(&arena, heads_rows, sizeof(float));
-	return arena.used;
+	t->scores = take(arena, 32 * (rows + 16), sizeof(float));
+	t->shares = take(arena, 32 * (rows + 32), 2);
+	t->slopes = take(arena, 32 * (rows + 32), 2);
+	t->slope_pairs =
+		take(arena, rows * keys > within * within ? rows * keys : within * within, 2);
+	t->g_dot_o = take(arena, rows, sizeof(float));
+	t->log_sums = take(arena, rows, sizeof(float));
 }
 
-void batch_free(struct dio_blocks *b)
+static void place_scratch(const struct dio_blocks *b, struct arena *arena, struct scratch *s)
 {
-	for (int i = 0; i < b->scenes && b->scene; i++) {
-		free(b->scene[i].memory);
-		free(b->scene[i].halves);
+	size_t rows = (size_t)b->rows, dim = (size_t)b->dim, hidden = (size_t)b->hidden;
+	s->gradients = take(arena, gradient_floats(b), sizeof(float));
+	s->a = take(arena, rows * hidden, 2);
+	s->b = take(arena, rows * hidden, 2);
+	s->rows = take(arena, rows * dim, 2);
+	s->hidden = take(arena, (size_t)CHUNK * hidden * 2, 2);
+	s->hidden_rows = take(arena, rows * dim, 2);
+	s->wide = take(arena, rows * dim * 3, 2);
+	s->chunk = take(arena, (size_t)CHUNK * dim, sizeof(float));
+	place_attention(b, arena, &s->attention);
+}
+
+static size_t place_batch(struct dio_blocks *b, char *base)
+{
+	struct arena arena = {base, 0};
+	struct scene unused;
+	b->scene = take(&arena, (size_t)b->scenes, sizeof(*b->scene));
+	for (int i = 0; i < b->scenes; i++) {
+		place_scene(b, &arena, b->scene ? &b->scene[i] : &unused);
 	}
-	free(b->scene);
-	b->scene = NULL;
-	b->scenes = 0;
-	for (int i = 0; i < MAX_THREADS; i++) {
-		free(b->scratch[i].memory);
-		b->scratch[i].memory = NULL;
+	for (int i = 0; i < b->threads; i++) {
+		place_scratch(b, &arena, &b->scratch[i]);
 	}
+	return arena.used;
 }
 
 int batch_shape(struct dio_blocks *b, int scenes, int context, int near, int targets, int far)
 {
-	if (b->scene && b->scenes == scenes && b->context == context && b->near == near &&
-	    b->targets == targets && b->far == far) {
-		return 0;
-	}
-	batch_free(b);
+	b->scenes = scenes;
 	b->context = context;
 	b->targets = targets;
 	b->near = near;
 	b->far = far;
 	b->context_rows = round_up(context * near, 32);
 	b->rows = b->context_rows + round_up(targets * far, 32);
-	b->scene = calloc((size_t)scenes, sizeof(*b->scene));
-	if (!b->scene) {
+	size_t bytes = place_batch(b, NULL);
+	if (bytes > b->batch_bytes) {
+		free(b->batch);
+		b->batch = allocate(bytes);
+		b->batch_bytes = b->batch ? bytes : 0;
+	}
+	if (!b->batch) {
 		return -1;
 	}
-	b->scenes = scenes;
-	for (int i = 0; i < scenes; i++) {
-		struct scene *scene = &b->scene[i];
-		scene->halves = calloc((size_t)b->layers * 2, sizeof(*scene->halves));
-		scene->memory = allocate(place_scene(b, scene, NULL));
-		if (!scene->halves || !scene->memory) {
-			batch_free(b);
-			return -1;
-		}
-		place_scene(b, scene, scene->memory);
-	}
-	for (int i = 0; i < b->threads; i++) {
-		struct scratch *s = &b->scratch[i];
-		s->memory = allocate(place_scratch(b, s, NULL));
-		if (!s->memory) {
-			batch_free(b);
-			return -1;
-		}
-		place_scratch(b, s, s->memory);
-	}
+	place_batch(b, b->batch);
 	return 0;
 }
 

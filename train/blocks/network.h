@@ -36,7 +36,6 @@ struct saved {
 struct scene {
 	float *x; /* [rows][dim]: the residual stream, then its gradient */
 	struct saved *halves;
-	char *memory;
 };
 
 /* A thread's scratch. */
@@ -45,7 +44,6 @@ struct scratch {
 	uint16_t *a, *b, *rows, *hidden, *hidden_rows, *wide;
 	float *chunk;
 	struct attention_scratch attention;
-	char *memory;
 };
 
 struct dio_blocks {
@@ -64,6 +62,8 @@ struct dio_blocks {
 	int context_rows, rows; /* padded: context rows come first, targets after them */
 	struct scene *scene;
 	struct scratch scratch[MAX_THREADS];
+	char *batch; /* holds all of it, for the largest batch so far */
+	size_t batch_bytes;
 	/* The call at hand. */
 	const float *near_in, *far_in;
 	float *near_out, *far_out;
@@ -83,9 +83,8 @@ static inline int stages(const struct dio_blocks *b)
 void half_forward(const struct dio_blocks *b, int i, struct scratch *t, struct scene *scene);
 void half_backward(const struct dio_blocks *b, int i, struct scratch *t, struct scene *scene);
 
-/* Shape and allocate for a batch; 0, or -1 without memory. */
+/* Make room for a batch; 0, or -1 without memory: then there is no b->scene. */
 int batch_shape(struct dio_blocks *b, int scenes, int context, int near, int targets, int far);
-void batch_free(struct dio_blocks *b);
 
 /* All packed weights: measures where base is NULL, else places. */
 size_t weights_place(struct dio_blocks *b, char *base);
