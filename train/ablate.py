@@ -87,7 +87,7 @@ def recipe(dim=192, heads=3, layers=4, patch=8, targets=8, optimiser="muon"):
         "schedule": "wsd", "clip": 1.0, "average_decay": 0.99,
         "stages": [{"mix": {f"64/{patch}/{patch}": 1.0}, "context": {str(CONTEXT): 1.0},
                     "views": CONTEXT + targets, "tokens": 3072 * 64 // (patch * patch),
-                    "reuse": 2}],
+                    "reuse": 4}],
     }
 
 

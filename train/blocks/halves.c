@@ -40,25 +40,102 @@ static void weight_gradient(const uint16_t *g, const uint16_t *x, int rows, int 
 	}
 }
 
-/* --- the multi-layer perceptron of half a block, rows [first, end) --- */
+/*
+ * --- the multi-layer perceptron of half a block, rows [first, end) ---
+ *
+ * The hidden layer is kept in blocks of 32 x 32, in the order in which they are made, so that
+ * memory is written and read in one stream. What a block needs behind its product is done while the
+ * tiles multiply the next.
+ */
+
+/* A block of the hidden layer: keep it, and its GELU as rows of `active`. */
+static void keep_hidden(const float *tile, uint16_t *h, uint16_t *active, int stride)
+{
+	for (int i = 0; i < 32; i++) {
+		__m512 low = _mm512_load_ps(tile + i * 32);
+		__m512 high = _mm512_load_ps(tile + i * 32 + 16);
+		store_bf16(h + i * 32, low, high);
+		store_bf16(active + (size_t)i * stride, gelu(low), gelu(high));
+	}
+}
+
+/* 32 rows through the first product. */
+static void hidden_forward(const struct dio_blocks *b, const struct half *w, const uint16_t *rows,
+			   uint16_t *h, uint16_t *active)
+{
+	_Alignas(64) float tiles[2][32 * 32];
+	for (int c = 0; c <= b->hidden; c += 32) {
+		if (c < b->hidden) {
+			tiles_zero();
+			tiles_multiply(rows, rows + (size_t)16 * b->dim, (long)b->dim * 2, 64,
+				       w->up.forward + (size_t)c * b->dim, b->dim / 32);
+		}
+		if (c > 0) {
+			keep_hidden(tiles[c / 32 % 2 ^ 1], h + (size_t)(c - 32) * 32,
+				    active + c - 32, b->hidden);
+		}
+		if (c < b->hidden) {
+			tiles_store(tiles[c / 32 % 2], 32 * 4);
+		}
+	}
+}
 
 static void mlp_forward(const struct dio_blocks *b, const struct half *w, struct scratch *t,
 			struct scene *scene, struct saved *s, int first, int end)
 {
 	int dim = b->dim, hidden = b->hidden;
-	for (int r = first; r < end; r += CHUNK) {
-		int rows = end - r < CHUNK ? end - r : CHUNK;
+	for (int r = first; r < end; r += 32) {
 		float *x = scene->x + (size_t)r * dim;
-		uint16_t *unit = s->mlp_in + (size_t)r * dim, *h = s->hidden + (size_t)r * hidden;
-		norm_rows(x, rows, dim, b->eps, unit, s->mlp_rstd + r);
-		weigh_rows(unit, rows, dim, w->mlp_norm, t->rows);
-		product_bf16(t->rows, dim, w->up.forward, dim, rows, hidden, dim, h, hidden);
-		for (int i = 0; i < rows * hidden; i += 32) {
-			store_bf16(t->hidden + i, gelu(load_bf16(h + i)),
-				   gelu(load_bf16(h + i + 16)));
+		uint16_t *unit = s->mlp_in + (size_t)r * dim;
+		norm_rows(x, 32, dim, b->eps, unit, s->mlp_rstd + r);
+		weigh_rows(unit, 32, dim, w->mlp_norm, t->rows);
+		hidden_forward(b, w, t->rows, s->hidden + (size_t)r * hidden, t->hidden);
+		product(t->hidden, hidden, w->down.forward, hidden, 32, dim, hidden, x, dim, true);
+	}
+}
+
+/*
+ * A block of the gradient of GELU's output: GELU's output paired, and the gradient of its input, as
+ * rows of `slope` and transposed.
+ */
+static void slope_hidden(const float *tile, const uint16_t *h, uint16_t *slope, int stride,
+			 uint16_t *paired, uint16_t *transposed, int rows)
+{
+	_Alignas(64) uint16_t active[32 * 32];
+	for (int i = 0; i < 32; i++) {
+		__m512 a0, a1, d0, d1;
+		gelu_both(load_bf16(h + i * 32), &a0, &d0);
+		gelu_both(load_bf16(h + i * 32 + 16), &a1, &d1);
+		store_bf16(active + i * 32, a0, a1);
+		store_bf16(slope + (size_t)i * stride,
+			   _mm512_mul_ps(d0, _mm512_load_ps(tile + i * 32)),
+			   _mm512_mul_ps(d1, _mm512_load_ps(tile + i * 32 + 16)));
+	}
+	pack_pairs(active, 32, 32, 32, paired, rows);
+	pack_transposed(slope, stride, 32, 32, transposed, rows);
+}
+
+/* 32 of `total` rows, from `r` on, back through the second product and GELU. */
+static void hidden_backward(const struct dio_blocks *b, const struct half *w, struct scratch *t,
+			    const uint16_t *h, int r, int total)
+{
+	_Alignas(64) float tiles[2][32 * 32];
+	const uint16_t *rows = t->rows + (size_t)r * b->dim;
+	for (int c = 0; c <= b->hidden; c += 32) {
+		if (c < b->hidden) {
+			tiles_zero();
+			tiles_multiply(rows, rows + (size_t)16 * b->dim, (long)b->dim * 2, 64,
+				       w->down.backward + (size_t)c * b->dim, b->dim / 32);
 		}
-		product(t->hidden, hidden, w->down.forward, hidden, rows, dim, hidden, x, dim,
-			true);
+		if (c > 0) {
+			size_t panel = (size_t)(c - 32) * total;
+			slope_hidden(tiles[c / 32 % 2 ^ 1], h + (size_t)(c - 32) * 32,
+				     t->hidden + c - 32, b->hidden, t->b + panel + (size_t)r * 32,
+				     t->a + panel + (size_t)r * 16, total);
+		}
+		if (c < b->hidden) {
+			tiles_store(tiles[c / 32 % 2], 32 * 4);
+		}
 	}
 }
 
@@ -70,25 +147,11 @@ static void mlp_backward(const struct dio_blocks *b, const struct half *w, struc
 	float *dx = scene->x + (size_t)first * dim;
 	const uint16_t *unit = s->mlp_in + (size_t)first * dim;
 	to_bf16(dx, (size_t)total * dim, t->rows);
-	for (int r = 0; r < total; r += CHUNK) {
-		int rows = total - r < CHUNK ? total - r : CHUNK;
-		const uint16_t *h = s->hidden + (size_t)(first + r) * hidden;
-		uint16_t *active = t->hidden, *slope = t->hidden + (size_t)CHUNK * hidden;
-		product_bf16(t->rows + (size_t)r * dim, dim, w->down.backward, dim, rows, hidden,
-			     dim, slope, hidden);
-		for (int i = 0; i < rows * hidden; i += 32) {
-			__m512 a0, a1, d0, d1;
-			gelu_both(load_bf16(h + i), &a0, &d0);
-			gelu_both(load_bf16(h + i + 16), &a1, &d1);
-			store_bf16(active + i, a0, a1);
-			store_bf16(slope + i, _mm512_mul_ps(d0, load_bf16(slope + i)),
-				   _mm512_mul_ps(d1, load_bf16(slope + i + 16)));
-		}
-		pack_pairs(active, hidden, rows, hidden, t->b + (size_t)r * 32, total);
-		pack_transposed(slope, hidden, rows, hidden, t->a + (size_t)r * 16, total);
-		product(slope, hidden, w->up.backward, hidden, rows, dim, hidden, t->chunk, dim,
+	for (int r = 0; r < total; r += 32) {
+		hidden_backward(b, w, t, s->hidden + (size_t)(first + r) * hidden, r, total);
+		product(t->hidden, hidden, w->up.backward, hidden, 32, dim, hidden, t->chunk, dim,
 			false);
-		norm_rows_back(t->chunk, unit + (size_t)r * dim, s->mlp_rstd + first + r, rows, dim,
+		norm_rows_back(t->chunk, unit + (size_t)r * dim, s->mlp_rstd + first + r, 32, dim,
 			       w->mlp_norm, gradients[MLP_NORM], dx + (size_t)r * dim);
 	}
 	/* up: [hidden, dim] from the slopes and the normalised rows; down: [dim, hidden]. */

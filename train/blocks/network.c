@@ -57,7 +57,7 @@ static void place_scratch(const struct dio_blocks *b, struct arena *arena, struc
 	s->a = take(arena, rows * hidden, 2);
 	s->b = take(arena, rows * hidden, 2);
 	s->rows = take(arena, rows * dim, 2);
-	s->hidden = take(arena, (size_t)CHUNK * hidden * 2, 2);
+	s->hidden = take(arena, 32 * hidden, 2);
 	s->hidden_rows = take(arena, rows * dim, 2);
 	s->wide = take(arena, rows * dim * 3, 2);
 	s->chunk = take(arena, (size_t)CHUNK * dim, sizeof(float));

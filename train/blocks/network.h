@@ -10,7 +10,7 @@
 
 enum {
 	MAX_THREADS = 64,
-	CHUNK = 128, /* rows whose hidden layer stays in the second-level cache */
+	CHUNK = 128, /* rows whose gradient stays in the second-level cache */
 };
 
 /* Tensors of half a block, in the order of the caller's pointers. */

@@ -22,15 +22,22 @@ static inline void to_bf16_block(const float *tile, uint16_t *out, int ldo)
 static inline void product_bf16(const uint16_t *a, int lda, const uint16_t *b, int inner_total,
 				int rows, int cols, int inner, uint16_t *out, int ldo)
 {
-	_Alignas(64) float tile[32 * 32];
+	_Alignas(64) float tiles[2][32 * 32]; /* one is converted while the next is multiplied */
 	for (int r = 0; r < rows; r += 32) {
 		const uint16_t *upper = a + (size_t)r * lda, *lower = upper + (size_t)16 * lda;
-		for (int c = 0; c < cols; c += 32) {
-			tiles_zero();
-			tiles_multiply(upper, lower, (long)lda * 2, 64, b + (size_t)c * inner_total,
-				       inner / 32);
-			tiles_store(tile, 32 * 4);
-			to_bf16_block(tile, out + (size_t)r * ldo + c, ldo);
+		uint16_t *to = out + (size_t)r * ldo;
+		for (int c = 0; c <= cols; c += 32) {
+			if (c < cols) {
+				tiles_zero();
+				tiles_multiply(upper, lower, (long)lda * 2, 64,
+					       b + (size_t)c * inner_total, inner / 32);
+			}
+			if (c > 0) {
+				to_bf16_block(tiles[c / 32 % 2 ^ 1], to + c - 32, ldo);
+			}
+			if (c < cols) {
+				tiles_store(tiles[c / 32 % 2], 32 * 4);
+			}
 		}
 	}
 }
