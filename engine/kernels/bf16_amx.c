@@ -23,9 +23,11 @@
 
 #include "kernels/gemm_finish.inc.h"
 
-/* Rows and columns of a tile of sums, and numbers of depth it takes in at a time. */
+/* Rows and columns of a tile of sums, numbers of depth it takes in at a time, and a block's side.
+ */
 #define TILE  16u
 #define DEPTH 32u
+#define BLOCK 32u
 
 /* Up to 32 x 32 sums on their way out. */
 struct sums {
@@ -54,6 +56,23 @@ static const number *whole_tile(const number *a, size_t a_stride, size_t rows, s
 }
 
 /* ---- products ---- */
+
+struct product {
+	const number *a;
+	size_t a_stride, rows;
+	const number *w;
+	size_t depth, cols;
+	void *c;
+	size_t c_stride;
+	enum dvsm_epilogue epilogue;
+};
+
+/* A whole block's sums that wait for their epilogue, and where in c they go. */
+struct pending {
+	_Alignas(64) float sums[BLOCK][BLOCK];
+	size_t at;
+	bool full;
+};
 
 /* Sums of up to two tiles of rows with up to two panels. */
 static void multiply(const number *a, size_t a_stride, size_t rows, const number *w, size_t depth,
@@ -93,28 +112,136 @@ static void multiply(const number *a, size_t a_stride, size_t rows, const number
 	AMX_STORE(3, sums->part[1][1], 64);
 }
 
+/* A block that is not whole: its sums at once, then their epilogue. */
+static void multiply_part(const struct product *p, size_t row, size_t col)
+{
+	const size_t rows = p->rows - row < BLOCK ? p->rows - row : BLOCK;
+	struct sums sums;
+
+	multiply(p->a + row * p->a_stride, p->a_stride, rows, p->w + col * PANEL_DEPTH(p->depth),
+		 p->depth, p->cols - col, &sums);
+	for (size_t i = 0; i < rows; i++) {
+		for (size_t j = 0; j < BLOCK && col + j < p->cols; j += TILE)
+			finish(p->c, (row + i) * p->c_stride + col + j, p->cols - col - j,
+			       vf_load(sums.part[i / TILE][j / TILE][i % TILE]), p->epilogue);
+	}
+}
+
+/* Rows first .. end - 1 of a whole block on their way out. */
+DVSM_INLINE void finish_rows(const struct pending *pending, size_t first, size_t end, void *c,
+			     size_t c_stride, enum dvsm_epilogue epilogue)
+{
+	for (size_t i = first; i < end; i++) {
+		const size_t at = pending->at + i * c_stride;
+		vf left = vf_load(pending->sums[i]), right = vf_load(pending->sums[i] + TILE);
+
+		if (epilogue == DVSM_EPILOGUE_GELU) {
+			vp_store((number *)c + at, vp_join(num_gelu(left), num_gelu(right)));
+			continue;
+		}
+		if (epilogue == DVSM_EPILOGUE_ADD) {
+			left = vf_add(vf_load((float *)c + at), left);
+			right = vf_add(vf_load((float *)c + at + TILE), right);
+		}
+		vf_store((float *)c + at, left);
+		vf_store((float *)c + at + TILE, right);
+	}
+}
+
+/*
+ * The sums of one whole block, and beside its products the epilogue of the block before, which
+ * `pending` holds: the tiles' unit and the vectors' units work at the same time. `ahead` lines of
+ * the weights that come next are called into the second-level cache a step.
+ */
+DVSM_INLINE void multiply_whole(const struct product *p, size_t row, size_t col,
+				struct pending *pending, const char *next, size_t ahead,
+				enum dvsm_epilogue epilogue)
+{
+	const size_t steps = p->depth / DEPTH, share = (BLOCK + steps - 1) / steps;
+	const size_t stride = p->a_stride * sizeof(number);
+	const number *a = p->a + row * p->a_stride;
+	const number *w = p->w + col * PANEL_DEPTH(p->depth);
+	const number *w2 = w + TILE * PANEL_DEPTH(p->depth);
+	size_t done = pending->full ? 0 : BLOCK;
+
+	AMX_ZERO(0);
+	AMX_ZERO(1);
+	AMX_ZERO(2);
+	AMX_ZERO(3);
+	for (size_t d = 0; d < p->depth; d += DEPTH) {
+		AMX_LOAD(6, w + d * TILE, 64);
+		AMX_LOAD(4, a + d, stride);
+		AMX_DOT_BF16(0, 4, 6);
+		AMX_LOAD(7, w2 + d * TILE, 64);
+		AMX_DOT_BF16(1, 4, 7);
+		AMX_LOAD(5, a + TILE * p->a_stride + d, stride);
+		AMX_DOT_BF16(2, 5, 6);
+		AMX_DOT_BF16(3, 5, 7);
+		for (size_t i = 0; i < ahead; i++, next += 64)
+			_mm_prefetch(next, _MM_HINT_T1);
+		if (done < BLOCK) {
+			size_t end = done + share < BLOCK ? done + share : BLOCK;
+
+			finish_rows(pending, done, end, p->c, p->c_stride, epilogue);
+			done = end;
+		}
+	}
+	finish_rows(pending, done, BLOCK, p->c, p->c_stride, epilogue);
+	AMX_STORE(0, pending->sums[0], BLOCK * sizeof(float));
+	AMX_STORE(1, pending->sums[0] + TILE, BLOCK * sizeof(float));
+	AMX_STORE(2, pending->sums[TILE], BLOCK * sizeof(float));
+	AMX_STORE(3, pending->sums[TILE] + TILE, BLOCK * sizeof(float));
+	pending->at = row * p->c_stride + col;
+	pending->full = true;
+}
+
+/* Two panels stay in the first-level cache while all rows pass by. */
+DVSM_INLINE void gemm_blocks(const struct product *p, enum dvsm_epilogue epilogue)
+{
+	const size_t whole_rows = p->depth % DEPTH || p->depth == 0 ? 0 : p->rows / BLOCK * BLOCK;
+	const size_t pair_bytes = BLOCK * PANEL_DEPTH(p->depth) * sizeof(number);
+	const size_t blocks = whole_rows / BLOCK;
+	struct pending pending;
+
+	pending.full = false;
+	for (size_t col = 0; col < p->cols; col += BLOCK) {
+		const bool whole = p->cols - col >= BLOCK;
+		const char *next = (const char *)(p->w + col * PANEL_DEPTH(p->depth)) + pair_bytes;
+		size_t lines = whole && p->cols - col > BLOCK + TILE ? BLOCK : 0;
+		size_t ahead = blocks ? (lines + blocks - 1) / blocks : 0;
+		size_t row = 0;
+
+		for (; whole && row < whole_rows; row += BLOCK) {
+			size_t at = row / BLOCK * ahead;
+
+			multiply_whole(p, row, col, &pending, next + at * (p->depth / DEPTH) * 64,
+				       at + ahead <= lines ? ahead : 0, epilogue);
+		}
+		for (; row < p->rows; row += BLOCK)
+			multiply_part(p, row, col);
+	}
+	if (pending.full)
+		finish_rows(&pending, 0, BLOCK, p->c, p->c_stride, epilogue);
+}
+
 static void gemm(const void *a, size_t a_stride, size_t rows, const void *panels, size_t depth,
 		 size_t cols, void *c, size_t c_stride, enum dvsm_epilogue epilogue)
 {
 	const struct amx_config config = amx_whole_tiles();
-	struct sums sums;
+	const struct product product = {a,    a_stride, rows,     panels,  depth,
+					cols, c,        c_stride, epilogue};
 
 	amx_open(&config);
-	for (size_t col = 0; col < cols; col += 2 * TILE) {
-		const number *w = (const number *)panels + col * PANEL_DEPTH(depth);
-
-		for (size_t row = 0; row < rows; row += 2 * TILE) {
-			multiply((const number *)a + row * a_stride, a_stride, rows - row, w, depth,
-				 cols - col, &sums);
-			for (size_t i = row; i < rows && i < row + 2 * TILE; i++) {
-				const size_t tile = (i - row) / TILE, at = i % TILE;
-
-				for (size_t j = 0; j < 2 && col + j * TILE < cols; j++)
-					finish(c, i * c_stride + col + j * TILE,
-					       cols - col - j * TILE,
-					       vf_load(sums.part[tile][j][at]), epilogue);
-			}
-		}
+	switch (epilogue) {
+	case DVSM_EPILOGUE_STORE:
+		gemm_blocks(&product, DVSM_EPILOGUE_STORE);
+		break;
+	case DVSM_EPILOGUE_ADD:
+		gemm_blocks(&product, DVSM_EPILOGUE_ADD);
+		break;
+	case DVSM_EPILOGUE_GELU:
+		gemm_blocks(&product, DVSM_EPILOGUE_GELU);
+		break;
 	}
 	amx_close();
 }

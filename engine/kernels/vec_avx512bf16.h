@@ -49,6 +49,12 @@ static inline vp vp_zip(vf first, vf second)
 	return (vp)_mm512_permutexvar_epi16(odd_and_even, halves);
 }
 
+/** Lanes of two vectors, rounded to nearest, one vector after the other. */
+static inline vp vp_join(vf first, vf second)
+{
+	return (vp)_mm512_cvtne2ps_pbh(second, first);
+}
+
 /** sums + the two products of every lane. */
 static inline vf vp_dot(vf sums, vp a, vp b)
 {
