@@ -20,8 +20,8 @@ static void attend_and_mix(const struct dvsm_run *run, const struct dvsm_half_we
 
 	dvsm_step_product(run, work->normed, tokens, &weights->query, work->wide, dim,
 			  DVSM_EPILOGUE_STORE);
-	dvsm_step_queries(run, work->wide, dim, tokens, weights->q_norm);
-	dvsm_step_attention(run, work->wide, dim, tokens, heads, work->normed);
+	dvsm_step_attention(run, work->wide, dim, tokens, weights->q_norm, weights->score_bound,
+			    heads, work->normed);
 	dvsm_step_product(run, work->normed, tokens, &weights->out, x, dim, DVSM_EPILOGUE_ADD);
 
 	dvsm_step_norm(run, x, tokens, weights->mlp_norm, work->normed);

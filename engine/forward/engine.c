@@ -135,7 +135,7 @@ enum dvsm_status dvsm_engine_measure(const struct dvsm_engine *engine,
 	if (engine->fixed)
 		dvsm_fixed_workspace_place(&arena, config, &size);
 	else
-		dvsm_workspace_place(&arena, config, &size, engine->kernels->number_bytes);
+		dvsm_workspace_place(&arena, config, &size, engine->kernels);
 	if (arena.overflow)
 		return dvsm_fail(error, DVSM_NO_MEM,
 				 "workspace of %zu tokens does not fit the address space: "
@@ -182,7 +182,7 @@ struct dvsm_run dvsm_engine_begin(const struct dvsm_engine *engine,
 		.weights = &engine->weights.w,
 		.kernels = engine->kernels,
 		.pool = engine->pool,
-		.work = dvsm_workspace_place(&arena, config, &size, engine->kernels->number_bytes),
+		.work = dvsm_workspace_place(&arena, config, &size, engine->kernels),
 	};
 }
 

@@ -5,13 +5,6 @@
 /* Tokens a task takes where the work on each is small. */
 #define ROWS_PER_TASK 32u
 
-/*
- * A task of a product: 64 rows of A stay in the second-level cache while 96 columns of W (two full
- * AVX-512 tiles) pass by. Few and large enough that claiming one costs nothing against its work.
- */
-#define PRODUCT_ROWS 64u
-#define PRODUCT_COLS 96u
-
 struct norm_job {
 	const struct dvsm_run *run;
 	const float *x, *weight;
@@ -28,7 +21,8 @@ static void norm_task(void *context, size_t index, uint32_t worker)
 	(void)worker;
 	job->run->kernels->layer_norm(
 		job->x + at, dvsm_tile_length(job->rows, ROWS_PER_TASK, index), config->dim,
-		job->weight, (float)config->norm_eps, dvsm_run_number(job->run, job->out, at));
+		job->weight, (float)config->norm_eps,
+		dvsm_run_left(job->run, job->out, index * ROWS_PER_TASK, 0, config->dim));
 }
 
 static void embed_norm_task(void *context, size_t index, uint32_t worker)
@@ -56,9 +50,10 @@ static void convert_task(void *context, size_t index, uint32_t worker)
 	size_t at = index * ROWS_PER_TASK * job->width;
 
 	(void)worker;
-	job->run->kernels->convert(job->x + at, job->width,
-				   dvsm_tile_length(job->rows, ROWS_PER_TASK, index), job->width,
-				   dvsm_run_number(job->run, job->out, at), job->width);
+	job->run->kernels->left(
+		job->x + at, job->width, dvsm_tile_length(job->rows, ROWS_PER_TASK, index),
+		job->width, dvsm_run_left(job->run, job->out, index * ROWS_PER_TASK, 0, job->width),
+		job->width, 0);
 }
 
 void dvsm_step_convert(const struct dvsm_run *run, const float *x, size_t rows, size_t width,
@@ -84,7 +79,7 @@ struct product_job {
 	size_t rows;
 	const struct dvsm_matrix *w;
 	unsigned char *c;
-	size_t c_stride, c_bytes; /* of one of its numbers or floats */
+	size_t c_stride;
 	enum dvsm_epilogue epilogue;
 };
 
@@ -100,23 +95,27 @@ static void product_task(void *context, size_t index, uint32_t worker)
 {
 	const struct product_job *job = context;
 	const struct dvsm_matrix *w = job->w;
-	size_t row_tiles = dvsm_tiles(job->rows, PRODUCT_ROWS);
+	const struct dvsm_kernels *kernels = job->run->kernels;
+	size_t row_tiles = dvsm_tiles(job->rows, kernels->product_rows);
 	size_t row_tile = index % row_tiles, col_tile = index / row_tiles;
-	size_t row = row_tile * PRODUCT_ROWS, col = col_tile * PRODUCT_COLS;
+	size_t row = row_tile * kernels->product_rows, col = col_tile * kernels->product_cols;
+	size_t a_at = dvsm_left_place(kernels, row, 0, w->in) * kernels->number_bytes;
+	size_t c_at = (row * job->c_stride + col) * sizeof(float);
 
 	(void)worker;
-	job->run->kernels->gemm(
-		dvsm_run_read(job->run, job->a, row * w->in), w->in,
-		dvsm_tile_length(job->rows, PRODUCT_ROWS, row_tile), panels_at(job->run, w, col),
-		w->in, dvsm_tile_length(w->out, PRODUCT_COLS, col_tile),
-		job->c + (row * job->c_stride + col) * job->c_bytes, job->c_stride, job->epilogue);
+	if (job->epilogue == DVSM_EPILOGUE_GELU)
+		c_at = dvsm_left_place(kernels, row, col, job->c_stride) * kernels->number_bytes;
+	kernels->gemm((const unsigned char *)job->a + a_at, w->in,
+		      dvsm_tile_length(job->rows, kernels->product_rows, row_tile),
+		      panels_at(job->run, w, col), w->in,
+		      dvsm_tile_length(w->out, kernels->product_cols, col_tile), job->c + c_at,
+		      job->c_stride, job->epilogue);
 }
 
 void dvsm_step_product(const struct dvsm_run *run, const void *a, size_t rows,
 		       const struct dvsm_matrix *w, void *c, size_t c_stride,
 		       enum dvsm_epilogue epilogue)
 {
-	const bool numbers = epilogue == DVSM_EPILOGUE_GELU;
 	struct product_job job = {
 		.run = run,
 		.a = a,
@@ -124,52 +123,22 @@ void dvsm_step_product(const struct dvsm_run *run, const void *a, size_t rows,
 		.w = w,
 		.c = c,
 		.c_stride = c_stride,
-		.c_bytes = numbers ? run->kernels->number_bytes : sizeof(float),
 		.epilogue = epilogue,
 	};
 
-	dvsm_pool_run(run->pool, dvsm_tiles(rows, PRODUCT_ROWS) * dvsm_tiles(w->out, PRODUCT_COLS),
+	dvsm_pool_run(run->pool,
+		      dvsm_tiles(rows, run->kernels->product_rows) *
+			      dvsm_tiles(w->out, run->kernels->product_cols),
 		      product_task, &job);
 }
 
 struct heads_job {
 	const struct dvsm_run *run;
-	const float *from; /* queries, or keys and values */
-	float *queries;    /* where queries go, NULL for keys and values */
+	const float *from;
 	size_t stride, rows, first;
 	const float *weight;
 	const struct dvsm_heads *heads;
 };
-
-static void queries_task(void *context, size_t index, uint32_t worker)
-{
-	const struct heads_job *job = context;
-	const struct dvsm_model_config *config = &job->run->model->config;
-	size_t head_dim = config->dim / config->heads;
-	size_t at = index * ROWS_PER_TASK * job->stride;
-	size_t rows = dvsm_tile_length(job->rows, ROWS_PER_TASK, index);
-
-	(void)worker;
-	for (size_t h = 0; h < config->heads; h++)
-		job->run->kernels->query_norm(job->from + at + h * head_dim, job->stride, rows,
-					      head_dim, job->weight, (float)config->norm_eps,
-					      job->queries + at + h * head_dim, job->stride);
-}
-
-void dvsm_step_queries(const struct dvsm_run *run, float *q, size_t q_stride, size_t rows,
-		       const float *q_norm)
-{
-	struct heads_job job = {
-		.run = run,
-		.from = q,
-		.queries = q,
-		.stride = q_stride,
-		.rows = rows,
-		.weight = q_norm,
-	};
-
-	dvsm_pool_run(run->pool, dvsm_tiles(rows, ROWS_PER_TASK), queries_task, &job);
-}
 
 static void keys_task(void *context, size_t index, uint32_t worker)
 {
@@ -214,6 +183,8 @@ struct attention_job {
 	const float *q;
 	size_t q_stride, rows;
 	const struct dvsm_heads *heads;
+	const float *q_norm;
+	float bound;
 	void *out;
 };
 
@@ -222,32 +193,41 @@ static void attention_task(void *context, size_t index, uint32_t worker)
 	const struct attention_job *job = context;
 	const struct dvsm_model_config *config = &job->run->model->config;
 	const size_t head_dim = config->dim / config->heads;
-	size_t tiles = dvsm_tiles(job->rows, DVSM_ATTENTION_QUERIES);
-	size_t head = index / tiles, row = index % tiles * DVSM_ATTENTION_QUERIES;
+	const size_t most = job->run->kernels->attention_queries;
+	size_t tiles = dvsm_tiles(job->rows, most);
+	size_t head = index / tiles, row = index % tiles * most;
 	size_t base = head * job->heads->total * head_dim;
+	unsigned char *scratch = dvsm_run_scratch(job->run, worker);
+	float *q = (float *)(void *)(scratch + dvsm_attention_scratch(head_dim));
 	struct dvsm_attention attention = {
-		.q = job->q + row * job->q_stride + head * head_dim,
-		.q_stride = job->q_stride,
-		.queries = dvsm_tile_length(job->rows, DVSM_ATTENTION_QUERIES, index % tiles),
+		.q = q,
+		.q_stride = head_dim,
+		.queries = dvsm_tile_length(job->rows, most, index % tiles),
 		.k = dvsm_run_read(job->run, job->heads->keys, base),
 		.v = dvsm_run_read(job->run, job->heads->values, base),
 		.keys = job->heads->total,
 		.head_dim = head_dim,
 		.scale = 1.0f / sqrtf((float)head_dim),
-		.out = dvsm_run_number(job->run, job->out, row * config->dim + head * head_dim),
+		.out = dvsm_run_left(job->run, job->out, row, 0, config->dim),
 		.out_stride = config->dim,
-		.scratch = dvsm_run_scratch(job->run, worker),
+		.scratch = scratch,
+		.out_col = head * head_dim,
+		.bound = job->bound,
 	};
 
+	job->run->kernels->query_norm(job->q + row * job->q_stride + head * head_dim, job->q_stride,
+				      attention.queries, head_dim, job->q_norm,
+				      (float)config->norm_eps, q, head_dim);
 	job->run->kernels->attention(&attention);
 }
 
 void dvsm_step_attention(const struct dvsm_run *run, const float *q, size_t q_stride, size_t rows,
-			 const struct dvsm_heads *heads, void *out)
+			 const float *q_norm, float bound, const struct dvsm_heads *heads,
+			 void *out)
 {
-	struct attention_job job = {run, q, q_stride, rows, heads, out};
+	struct attention_job job = {run, q, q_stride, rows, heads, q_norm, bound, out};
 
 	dvsm_pool_run(run->pool,
-		      run->model->config.heads * dvsm_tiles(rows, DVSM_ATTENTION_QUERIES),
+		      run->model->config.heads * dvsm_tiles(rows, run->kernels->attention_queries),
 		      attention_task, &job);
 }

@@ -31,25 +31,21 @@ struct dvsm_heads {
 /** x[rows][D] = LN(x), in place. */
 void dvsm_step_embed_norm(const struct dvsm_run *run, float *x, size_t rows, const float *weight);
 
-/** out[rows][D], numbers, = LN(x[rows][D]). */
+/** out[rows][D], left side, = LN(x[rows][D]). */
 void dvsm_step_norm(const struct dvsm_run *run, const float *x, size_t rows, const float *weight,
 		    void *out);
 
-/** out[rows][width], numbers, = x[rows][width]; out may be x where numbers are floats. */
+/** out[rows][width], left side, = x[rows][width]; out may be x where numbers are floats. */
 void dvsm_step_convert(const struct dvsm_run *run, const float *x, size_t rows, size_t width,
 		       void *out);
 
 /**
- * C[rows] = epilogue(A[rows] W^T); A is numbers [rows][W.in], C floats or, as the epilogue says,
- * numbers, rows c_stride of them apart.
+ * C[rows] = epilogue(A[rows] W^T); A is a left side [rows][W.in], C floats, rows c_stride of them
+ * apart, or, as the epilogue says, a left side.
  */
 void dvsm_step_product(const struct dvsm_run *run, const void *a, size_t rows,
 		       const struct dvsm_matrix *w, void *c, size_t c_stride,
 		       enum dvsm_epilogue epilogue);
-
-/** QK-norm of queries in place; q is [rows] of D numbers, q_stride apart. */
-void dvsm_step_queries(const struct dvsm_run *run, float *q, size_t q_stride, size_t rows,
-		       const float *q_norm);
 
 /**
  * Keys (with QK-norm) and values of some tokens into their heads.
@@ -60,9 +56,15 @@ void dvsm_step_queries(const struct dvsm_run *run, float *q, size_t q_stride, si
 void dvsm_step_keys(const struct dvsm_run *run, const float *kv, size_t kv_stride, size_t rows,
 		    const float *k_norm, const struct dvsm_heads *heads, size_t first);
 
-/** out[rows][D], numbers, = attention of q (rows of D, q_stride apart) to all of `heads`. */
+/**
+ * out[rows][D], left side, = attention of q (rows of D, q_stride apart), after QK-norm with q_norm,
+ * to all of `heads`.
+ *
+ * bound   none of the scores is larger, in powers of 2; 0 where that is not known
+ */
 void dvsm_step_attention(const struct dvsm_run *run, const float *q, size_t q_stride, size_t rows,
-			 const struct dvsm_heads *heads, void *out);
+			 const float *q_norm, float bound, const struct dvsm_heads *heads,
+			 void *out);
 
 /** The scratch of one thread: work.scratch_stride bytes. */
 static inline void *dvsm_run_scratch(const struct dvsm_run *run, uint32_t worker)
@@ -74,6 +76,13 @@ static inline void *dvsm_run_scratch(const struct dvsm_run *run, uint32_t worker
 static inline void *dvsm_run_number(const struct dvsm_run *run, void *numbers, size_t index)
 {
 	return (unsigned char *)numbers + index * run->kernels->number_bytes;
+}
+
+/** The place of [row][col] of a left side: row a multiple of 16, col of 32. */
+static inline void *dvsm_run_left(const struct dvsm_run *run, void *left, size_t row, size_t col,
+				  size_t stride)
+{
+	return dvsm_run_number(run, left, dvsm_left_place(run->kernels, row, col, stride));
 }
 
 static inline const void *dvsm_run_read(const struct dvsm_run *run, const void *numbers,

@@ -1,5 +1,6 @@
 #include "forward/weights.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -43,6 +44,29 @@ static void place(struct dvsm_arena *arena, uint32_t layers, struct dvsm_weights
 	place_matrix(arena, &w->to_rgb);
 }
 
+/*
+ * By Cauchy and Schwarz a score is no larger than the largest product of the gains of QK-norm times
+ * sqrt(D / h); a little more where numbers are rounded.
+ */
+static float score_bound(const struct dvsm_half_weights *half, size_t head_dim)
+{
+	float largest = 0;
+
+	for (size_t d = 0; d < head_dim; d++)
+		largest = fmaxf(largest, fabsf(half->q_norm[d] * half->k_norm[d]));
+	return 1.02f * (float)M_LOG2E * sqrtf((float)head_dim) * largest;
+}
+
+static void bound_scores(const struct dvsm_model_config *config, struct dvsm_weights *w)
+{
+	for (uint32_t i = 0; i < config->layers; i++) {
+		struct dvsm_block_weights *block = &w->blocks[i];
+
+		block->intra.score_bound = score_bound(&block->intra, config->dim / config->heads);
+		block->cross.score_bound = score_bound(&block->cross, config->dim / config->heads);
+	}
+}
+
 static bool copy_weights(const struct dvsm_model *model, struct dvsm_weights *w)
 {
 	size_t layers = model->config.layers;
@@ -64,6 +88,7 @@ enum dvsm_status dvsm_engine_weights_init(const struct dvsm_model *model,
 	memset(weights, 0, sizeof(*weights));
 	if (!copy_weights(model, &weights->w))
 		return dvsm_fail(error, DVSM_NO_MEM, "no memory for an engine");
+	bound_scores(&model->config, &weights->w);
 	if (precision != DVSM_PRECISION_BF16)
 		return DVSM_OK;
 	place(&arena, model->config.layers, &weights->w);

@@ -12,8 +12,10 @@ struct dvsm_job_size dvsm_job_size_of(const struct dvsm_model_config *config,
 				      const struct dvsm_camera *cameras, uint32_t count,
 				      uint32_t patch_px, uint32_t threads)
 {
+	const size_t head_dim = config->dim / config->heads;
 	struct dvsm_job_size size = {
-		.scratch_bytes = dvsm_attention_scratch(config->dim / config->heads),
+		.scratch_bytes = dvsm_attention_scratch(head_dim) +
+				 DVSM_ATTENTION_MOST_QUERIES * head_dim * sizeof(float),
 		.threads = threads,
 	};
 
@@ -33,10 +35,39 @@ struct dvsm_job_size dvsm_job_size_of(const struct dvsm_model_config *config,
 	return size;
 }
 
+/* A left side; rows up to whole strips, so that no product can overflow that did not before. */
+static void *take_left(struct dvsm_arena *arena, const struct dvsm_kernels *kernels, size_t rows,
+		       size_t stride)
+{
+	size_t strips = (rows + DVSM_TILE_ROWS - 1) / DVSM_TILE_ROWS;
+
+	if (!kernels->tiled)
+		return dvsm_arena_take(arena, rows, stride * kernels->number_bytes);
+	return dvsm_arena_take(arena, strips,
+			       dvsm_left_size(kernels, DVSM_TILE_ROWS, stride) *
+				       kernels->number_bytes);
+}
+
+/* Floats [rows][width] or a left side of `hidden` numbers, whichever is larger. */
+static void *take_wide(struct dvsm_arena *arena, const struct dvsm_kernels *kernels, size_t rows,
+		       size_t width, size_t hidden)
+{
+	struct dvsm_arena floats = *arena, left = *arena;
+	void *place = dvsm_arena_take_floats(&floats, rows, width);
+
+	(void)take_left(&left, kernels, rows, hidden);
+	*arena = floats;
+	arena->used = larger(floats.used, left.used);
+	arena->overflow = floats.overflow || left.overflow;
+	return place;
+}
+
 struct dvsm_workspace dvsm_workspace_place(struct dvsm_arena *arena,
 					   const struct dvsm_model_config *config,
-					   const struct dvsm_job_size *size, size_t number_bytes)
+					   const struct dvsm_job_size *size,
+					   const struct dvsm_kernels *kernels)
 {
+	const size_t number_bytes = kernels->number_bytes;
 	const size_t dim = config->dim, n = size->view_tokens;
 	const size_t area = (size_t)config->patch_px * config->patch_px;
 	struct dvsm_workspace w = {0};
@@ -45,11 +76,11 @@ struct dvsm_workspace dvsm_workspace_place(struct dvsm_arena *arena,
 	w.wide_width = larger(larger(3, config->mlp_ratio) * dim, 6 * area);
 	w.scratch_stride = (size->scratch_bytes + 63) / 64 * 64;
 	w.x = dvsm_arena_take_floats(arena, size->tokens, dim);
-	w.normed = dvsm_arena_take(arena, n, dim * number_bytes);
-	w.wide = dvsm_arena_take_floats(arena, n, w.wide_width);
+	w.normed = take_left(arena, kernels, n, dim);
+	w.wide = take_wide(arena, kernels, n, w.wide_width, config->mlp_ratio * dim);
 	w.patches = w.wide;
 	if (number_bytes != sizeof(float))
-		w.patches = dvsm_arena_take(arena, n, 6 * area * number_bytes);
+		w.patches = take_left(arena, kernels, n, 6 * area);
 	w.keys = dvsm_arena_take(arena, n, dim * number_bytes);
 	w.values = dvsm_arena_take(arena, n, dim * number_bytes);
 	w.scratch = dvsm_arena_take(arena, size->threads, w.scratch_stride);

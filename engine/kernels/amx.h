@@ -47,12 +47,13 @@ static inline void amx_close(void)
 	_tile_release();
 }
 
-#define AMX_ZERO(tile)               _tile_zero(tile)
-#define AMX_LOAD(tile, from, stride) _tile_loadd(tile, from, (int)(stride))
-#define AMX_STORE(tile, to, stride)  _tile_stored(tile, to, (int)(stride))
-#define AMX_DOT_BF16(sums, a, b)     _tile_dpbf16ps(sums, a, b) /* pairs of bfloat16 */
-#define AMX_DOT_SIGNED(sums, a, b)   _tile_dpbssd(sums, a, b)   /* fours of signed bytes */
-#define AMX_DOT_UNSIGNED(sums, a, b) _tile_dpbusd(sums, a, b)   /* a's bytes unsigned */
+#define AMX_ZERO(tile)                 _tile_zero(tile)
+#define AMX_LOAD(tile, from, stride)   _tile_loadd(tile, from, (int)(stride))
+#define AMX_STREAM(tile, from, stride) _tile_stream_loadd(tile, from, (int)(stride))
+#define AMX_STORE(tile, to, stride)    _tile_stored(tile, to, (int)(stride))
+#define AMX_DOT_BF16(sums, a, b)       _tile_dpbf16ps(sums, a, b) /* pairs of bfloat16 */
+#define AMX_DOT_SIGNED(sums, a, b)     _tile_dpbssd(sums, a, b)   /* fours of signed bytes */
+#define AMX_DOT_UNSIGNED(sums, a, b)   _tile_dpbusd(sums, a, b)   /* a's bytes unsigned */
 
 #endif
 #endif

@@ -14,8 +14,9 @@ static void write_rows(const struct attention_state *state, const struct dvsm_at
 	float *rows = state->q;
 
 	transpose(state->out, QUERY_LANES, job->head_dim, count, rows, job->head_dim);
-	convert(rows, job->head_dim, count, job->head_dim,
-		(number *)job->out + first * job->out_stride, job->out_stride);
+	left(rows, job->head_dim, count, job->head_dim,
+	     (number *)job->out + left_at(first, 0, job->out_stride), job->out_stride,
+	     job->out_col);
 }
 
 /* Queries first .. first + count - 1, count <= QUERY_LANES; idle lanes attend with q = 0. */

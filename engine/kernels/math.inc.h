@@ -74,21 +74,28 @@ static inline vf gelu_vf(vf x)
 	return vf_if_negative(x, xh, vf_sub(x, xh));
 }
 
-/* The same for a result that keeps 8 bits: relative error 2.6e-4. */
+/*
+ * The same for a result that keeps 8 bits: x (1/2 + x q(x^2)), with x held within +-4.5 in the
+ * brackets, where q makes them exactly 0 and 1. Absolute error 5.2e-5 of negative x, relative error
+ * 2.1e-4 of positive x and of |x| < 1; what the next product sums is rounded by more.
+ */
+#define GELU_END 4.5f
+
 static inline vf gelu_short_vf(vf x)
 {
-	vf t = vf_div(vf_set(1.0f), vf_fma(vf_abs(x), vf_set(0.282842712474619f), vf_set(1.0f)));
-	vf p = vf_set(0.30445915f);
+	vf low = vf_max(x, vf_set(-GELU_END)), b = vf_min(low, vf_set(GELU_END));
+	vf u = vf_mul(b, b);
+	vf q = vf_set(3.00000857e-11f);
 
-	p = vf_fma(p, t, vf_set(-0.10019174f));
-	p = vf_fma(p, t, vf_set(0.19815986f));
-	p = vf_fma(p, t, vf_set(0.09627835f));
-	p = vf_fma(p, t, vf_set(0.0012035f));
-
-	vf e = exp2_short_vf(vf_mul(vf_mul(x, x), vf_set(-0.5f * LOG2_E)));
-	vf xh = vf_mul(x, vf_mul(p, e));
-
-	return vf_if_negative(x, xh, vf_sub(x, xh));
+	q = vf_fma(q, u, vf_set(-3.28391381e-09f));
+	q = vf_fma(q, u, vf_set(1.5802577e-07f));
+	q = vf_fma(q, u, vf_set(-4.43168574e-06f));
+	q = vf_fma(q, u, vf_set(8.12097278e-05f));
+	q = vf_fma(q, u, vf_set(-0.00103625341f));
+	q = vf_fma(q, u, vf_set(0.00958065409f));
+	q = vf_fma(q, u, vf_set(-0.0659772679f));
+	q = vf_fma(q, u, vf_set(0.398708582f));
+	return vf_mul(low, vf_fma(b, q, vf_set(0.5f)));
 }
 
 static inline vf colour_vf(vf y, bool sigmoid)

@@ -53,6 +53,22 @@ static inline size_t dvsm_bf16_place(size_t row, size_t d, size_t depth)
 	       row % DVSM_PANEL * 2 + d % 2;
 }
 
+/** Rows of a tile of a product's left side, and numbers of each: 1 KB of bfloat16. */
+#define DVSM_TILE_ROWS  16u
+#define DVSM_TILE_DEPTH 32u
+
+/**
+ * Where number [row][d] lies in tiles, the left side as AMX takes it in: strips of 16 rows, and in
+ * a strip one tile behind the other.
+ */
+static inline size_t dvsm_tile_place(size_t row, size_t d, size_t depth)
+{
+	size_t strip = row / DVSM_TILE_ROWS * dvsm_bf16_depth(depth);
+
+	return (strip + d / DVSM_TILE_DEPTH * DVSM_TILE_DEPTH) * DVSM_TILE_ROWS +
+	       row % DVSM_TILE_ROWS * DVSM_TILE_DEPTH + d % DVSM_TILE_DEPTH;
+}
+
 /** Numbers that `rows` x `depth` weights take as bfloat16 panels; false when it does not fit. */
 bool dvsm_bf16_pack_size(size_t rows, size_t depth, size_t *numbers);
 

@@ -128,6 +128,12 @@ static void convert(const float *x, size_t x_stride, size_t rows, size_t dim, vo
 	}
 }
 
+static void left(const float *x, size_t x_stride, size_t rows, size_t dim, void *out,
+		 size_t out_stride, size_t out_col)
+{
+	convert(x, x_stride, rows, dim, (number *)out + out_col, out_stride);
+}
+
 /*
  * One query, already a row of numbers times scale log2(e): maximum, sum and weighted values so far;
  * a new maximum rescales the other two.
@@ -170,7 +176,7 @@ static void attention(const struct dvsm_attention *job)
 		for (size_t d = 0; d < job->head_dim; d++)
 			q[d] = round_weight(job->q[i * job->q_stride + d] * (double)job->scale *
 					    M_LOG2E);
-		attend(job, q, sums, (number *)job->out + i * job->out_stride);
+		attend(job, q, sums, (number *)job->out + i * job->out_stride + job->out_col);
 	}
 }
 

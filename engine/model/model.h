@@ -19,6 +19,7 @@ struct dvsm_half_weights {
 	struct dvsm_matrix key_value; /* [2D][D] rows: all k, all v; head-major inside */
 	const float *q_norm;          /* [D/h]   */
 	const float *k_norm;          /* [D/h]   */
+	float score_bound; /* none of attention's scores is larger, in powers of 2; 0: not known */
 	struct dvsm_matrix out;       /* [D][D]  */
 	const float *mlp_norm;        /* [D]     LN before the MLP */
 	struct dvsm_matrix up;        /* [M][D]  */

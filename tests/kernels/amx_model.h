@@ -142,11 +142,12 @@ static inline void amx_model_dot_bf16(int sums, int a, int b)
 	}
 }
 
-#define AMX_ZERO(tile)               amx_model_zero(tile)
-#define AMX_LOAD(tile, from, stride) amx_model_load(tile, from, stride)
-#define AMX_STORE(tile, to, stride)  amx_model_store(tile, to, stride)
-#define AMX_DOT_BF16(sums, a, b)     amx_model_dot_bf16(sums, a, b)
-#define AMX_DOT_SIGNED(sums, a, b)   amx_model_dot_bytes(sums, a, b, true)
-#define AMX_DOT_UNSIGNED(sums, a, b) amx_model_dot_bytes(sums, a, b, false)
+#define AMX_ZERO(tile)                 amx_model_zero(tile)
+#define AMX_LOAD(tile, from, stride)   amx_model_load(tile, from, stride)
+#define AMX_STREAM(tile, from, stride) amx_model_load(tile, from, stride)
+#define AMX_STORE(tile, to, stride)    amx_model_store(tile, to, stride)
+#define AMX_DOT_BF16(sums, a, b)       amx_model_dot_bf16(sums, a, b)
+#define AMX_DOT_SIGNED(sums, a, b)     amx_model_dot_bytes(sums, a, b, true)
+#define AMX_DOT_UNSIGNED(sums, a, b)   amx_model_dot_bytes(sums, a, b, false)
 
 #endif

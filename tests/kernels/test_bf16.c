@@ -13,6 +13,7 @@
 
 #define BF16_STEP  0x1p-7
 #define EXP2_ERROR 1e-4
+#define GELU_ERROR 6e-5
 
 static const struct dvsm_kernels *tiers[BF16_TIERS];
 static size_t tier_count;
@@ -54,6 +55,21 @@ static void free_floats(struct support_guarded *floats)
 {
 	assert_true(support_guarded_intact(floats));
 	support_guarded_free(floats);
+}
+
+/* Where number `at` of rows of `stride` lies in a left side of a table. */
+static size_t left_at(const struct dvsm_kernels *kernels, size_t at, size_t stride)
+{
+	return dvsm_left_place(kernels, at / stride, at % stride, stride);
+}
+
+static struct numbers make_left(const struct dvsm_kernels *kernels, size_t rows, size_t stride,
+				size_t last, float scale)
+{
+	/* Rows end with their last number in memory, unless tiles go on to a whole strip. */
+	size_t count = rows ? (rows - 1) * stride + last : 0;
+
+	return make_numbers(kernels->tiled ? dvsm_left_size(kernels, rows, stride) : count, scale);
 }
 
 /* ---- numbers and panels ---- */
@@ -120,8 +136,8 @@ static double gemm_tolerance(const struct gemm_shape *shape, double magnitude, d
 	case DVSM_EPILOGUE_ADD:
 		return sum + 2 * ROUNDING * (fabs(before) + fabs(want)) + FLT_MIN;
 	case DVSM_EPILOGUE_GELU:
-		/* The slope of GELU is at most 1.13; its own error is 2.6e-4 of the result. */
-		return 1.13 * sum + (BF16_STEP + 3e-4) * fabs(want) + FLT_MIN;
+		/* The slope of GELU is at most 1.13; see gelu_short_vf() for its own error. */
+		return 1.13 * sum + (BF16_STEP + 3e-4) * fabs(want) + GELU_ERROR + FLT_MIN;
 	case DVSM_EPILOGUE_STORE:
 		break;
 	}
@@ -151,18 +167,20 @@ static struct numbers make_weights(struct support_guarded *w, size_t cols, size_
 static void check_gemm(const struct dvsm_kernels *kernels, const struct gemm_shape *shape)
 {
 	const bool narrow = shape->epilogue == DVSM_EPILOGUE_GELU;
-	size_t a_count = shape->rows ? (shape->rows - 1) * shape->a_stride + shape->depth : 0;
 	size_t c_count = shape->rows ? (shape->rows - 1) * shape->c_stride + shape->cols : 0;
-	struct numbers a = make_numbers(a_count, shape->scale);
+	struct numbers a =
+		make_left(kernels, shape->rows, shape->a_stride, shape->depth, shape->scale);
 	struct support_guarded w = fill(shape->cols * shape->depth, shape->scale);
 	struct numbers pairs = make_weights(&w, shape->cols, shape->depth);
 	struct support_guarded c = fill(narrow ? 0 : c_count, 1.0f);
 	struct support_guarded before = fill(c_count, 1.0f);
-	struct numbers c_numbers = make_numbers(narrow ? c_count : 0, 1.0f);
+	struct numbers c_numbers =
+		make_left(kernels, narrow ? shape->rows : 0, shape->c_stride, shape->cols, 1.0f);
 
 	for (size_t i = 0; i < c_count; i++) {
 		if (narrow)
-			before.data[i] = dvsm_bf16_widen(c_numbers.at[i]);
+			before.data[i] =
+				dvsm_bf16_widen(c_numbers.at[left_at(kernels, i, shape->c_stride)]);
 		else
 			before.data[i] = c.data[i];
 	}
@@ -172,15 +190,18 @@ static void check_gemm(const struct dvsm_kernels *kernels, const struct gemm_sha
 	for (size_t at = 0; at < c_count; at++) {
 		size_t i = at / shape->c_stride, j = at % shape->c_stride;
 		double sum = 0, magnitude = 0, want;
-		double got = narrow ? dvsm_bf16_widen(c_numbers.at[at]) : c.data[at];
+		double got = narrow ? dvsm_bf16_widen(
+					      c_numbers.at[left_at(kernels, at, shape->c_stride)])
+				    : c.data[at];
 
 		if (j >= shape->cols) {
 			assert_true(got == before.data[at]);
 			continue;
 		}
 		for (size_t d = 0; d < shape->depth; d++) {
-			double term = (double)dvsm_bf16_widen(a.at[i * shape->a_stride + d]) *
-				      w.data[j * shape->depth + d];
+			size_t place = dvsm_left_place(kernels, i, d, shape->a_stride);
+			double term =
+				(double)dvsm_bf16_widen(a.at[place]) * w.data[j * shape->depth + d];
 
 			sum += term;
 			magnitude += fabs(term);
@@ -222,22 +243,29 @@ static void products_agree_for_every_shape_and_epilogue(void **state)
 
 static void one_row_alone_gives_the_same_bits_as_in_a_tile(void **state)
 {
-	enum { ROWS = 37, COLS = 64, DEPTH = 97 };
-	static dvsm_bf16 together[ROWS * COLS], alone[COLS];
+	enum { ROWS = 37, COLS = 64, DEPTH = 97, STRIPS = 3 };
+	static dvsm_bf16 together[STRIPS * 16 * COLS], alone[16 * COLS];
 
 	(void)state;
 	for (size_t t = 0; t < tier_count; t++) {
-		struct numbers a = make_numbers(ROWS * DEPTH, 1.0f);
+		struct numbers a = make_left(tiers[t], ROWS, DEPTH, DEPTH, 1.0f);
+		struct numbers one = make_left(tiers[t], 1, DEPTH, DEPTH, 1.0f);
 		struct support_guarded w = fill(COLS * DEPTH, 1.0f);
 		struct numbers pairs = make_weights(&w, COLS, DEPTH);
 
 		tiers[t]->gemm(a.at, DEPTH, ROWS, pairs.at, DEPTH, COLS, together, COLS,
 			       DVSM_EPILOGUE_GELU);
 		for (size_t i = 0; i < ROWS; i++) {
-			tiers[t]->gemm(a.at + i * DEPTH, DEPTH, 1, pairs.at, DEPTH, COLS, alone,
-				       COLS, DVSM_EPILOGUE_GELU);
-			assert_memory_equal(alone, together + i * COLS, sizeof(alone));
+			for (size_t d = 0; d < DEPTH; d++)
+				one.at[dvsm_left_place(tiers[t], 0, d, DEPTH)] =
+					a.at[dvsm_left_place(tiers[t], i, d, DEPTH)];
+			tiers[t]->gemm(one.at, DEPTH, 1, pairs.at, DEPTH, COLS, alone, COLS,
+				       DVSM_EPILOGUE_GELU);
+			for (size_t j = 0; j < COLS; j++)
+				assert_int_equal(alone[dvsm_left_place(tiers[t], 0, j, COLS)],
+						 together[dvsm_left_place(tiers[t], i, j, COLS)]);
 		}
+		free_numbers(&one);
 		free_numbers(&a);
 		free_numbers(&pairs);
 		free_floats(&w);
@@ -275,8 +303,13 @@ static void norms_to_numbers_agree_for_every_width_and_stride(void **state)
 			scalar->key_norm(x.data, stride, rows, dim, w.data, 1e-6f, want.at, dim);
 			tiers[t]->key_norm(x.data, stride, rows, dim, w.data, 1e-6f, got.at, dim);
 			expect_numbers_near(tiers[t]->name, "key_norm", &got, &want, FLT_MIN);
+			struct numbers left = make_left(tiers[t], 1, dim, dim, 1.0f);
+
 			scalar->layer_norm(x.data, 1, dim, w.data, 1e-6f, want.at);
-			tiers[t]->layer_norm(x.data, 1, dim, w.data, 1e-6f, got.at);
+			tiers[t]->layer_norm(x.data, 1, dim, w.data, 1e-6f, left.at);
+			for (size_t d = 0; d < dim; d++)
+				got.at[d] = left.at[dvsm_left_place(tiers[t], 0, d, dim)];
+			free_numbers(&left);
 			expect_numbers_near(tiers[t]->name, "layer_norm", &got, &want,
 					    8 * (double)(dim + 8) * ROUNDING * scale /
 						    (scale + 1e-3) * 10);
@@ -297,6 +330,7 @@ static void norms_to_numbers_agree_for_every_width_and_stride(void **state)
 struct attention_shape {
 	size_t queries, keys, dim, q_stride, out_stride;
 	float scale; /* of q and k: logits grow with its square */
+	bool bounded;
 };
 
 /*
@@ -321,7 +355,9 @@ static void check_attention(const struct dvsm_kernels *kernels, const struct att
 	struct support_guarded q = fill(q_count, shape->scale);
 	struct numbers k = make_numbers(shape->keys * shape->dim, shape->scale);
 	struct numbers v = make_numbers(shape->keys * shape->dim, 1.0f);
-	struct numbers got = make_numbers(out_count, 1.0f), want = make_numbers(out_count, 1.0f);
+	struct numbers got =
+		make_left(kernels, shape->queries, shape->out_stride, shape->dim, 1.0f);
+	struct numbers want = make_numbers(out_count, 1.0f);
 	struct support_guarded scratch =
 		fill(dvsm_attention_scratch(shape->dim) / sizeof(float), 1.0f);
 	struct dvsm_attention job = {
@@ -336,16 +372,21 @@ static void check_attention(const struct dvsm_kernels *kernels, const struct att
 		.out = want.at,
 		.out_stride = shape->out_stride,
 		.scratch = scratch.data,
+		.bound = shape->bounded
+				 ? sqrtf((float)shape->dim) * 1.45f * shape->scale * shape->scale
+				 : 0,
 	};
 
-	memcpy(want.at, got.at, out_count * sizeof(*got.at));
+	for (size_t i = 0; i < out_count; i++)
+		want.at[i] = got.at[left_at(kernels, i, shape->out_stride)];
 	dvsm_kernels_bf16_scalar.attention(&job);
 	job.out = got.at;
 	kernels->attention(&job);
 	for (size_t i = 0; i < out_count; i++) {
 		bool between = i % shape->out_stride >= shape->dim;
 
-		expect_near(kernels->name, "attention", i, dvsm_bf16_widen(got.at[i]),
+		expect_near(kernels->name, "attention", i,
+			    dvsm_bf16_widen(got.at[left_at(kernels, i, shape->out_stride)]),
 			    dvsm_bf16_widen(want.at[i]), between ? 0 : attention_tolerance(shape));
 	}
 	free_floats(&q);
@@ -377,20 +418,88 @@ static void attention_agrees_for_every_shape(void **state)
 	}
 }
 
+static void attention_agrees_where_scores_are_bounded(void **state)
+{
+	static const size_t dims[] = {32, 64, 96, 128},
+			    many[] = {0, 1, 31, 127, 128, 129, 512, 513};
+	static const float scales[] = {0.1f, 1.0f, 2.0f};
+
+	(void)state;
+	for (size_t t = 0; t < tier_count; t++) {
+		for (int round = 0; round < 60; round++) {
+			struct attention_shape shape = {
+				.queries = edge(65),
+				.keys = edge(98) + many[support_random_below(&rng, COUNT(many))],
+				.dim = dims[support_random_below(&rng, COUNT(dims))],
+				.scale = scales[support_random_below(&rng, COUNT(scales))],
+				.bounded = true,
+			};
+
+			if (round % 4 == 0)
+				shape.queries = tiers[t]->attention_queries - edge(65);
+			shape.q_stride = shape.dim + edge(9);
+			shape.out_stride = shape.dim + edge(9);
+			check_attention(tiers[t], &shape);
+		}
+	}
+}
+
+/* Heads side by side fill one left side. */
+static void attention_writes_its_columns_alone(void **state)
+{
+	enum { QUERIES = 19, KEYS = 33, DIM = 48, STRIDE = 3 * DIM + 5 };
+	struct support_guarded q = fill(QUERIES * DIM, 1.0f);
+	struct numbers k = make_numbers(KEYS * DIM, 1.0f), v = make_numbers(KEYS * DIM, 1.0f);
+	struct support_guarded scratch = fill(dvsm_attention_scratch(DIM) / sizeof(float), 1.0f);
+
+	(void)state;
+	for (size_t t = 0; t < tier_count; t++) {
+		struct numbers out = make_left(tiers[t], QUERIES, STRIDE, STRIDE, 1.0f);
+		struct numbers want = make_left(tiers[t], QUERIES, DIM, DIM, 1.0f);
+		struct dvsm_attention job = {q.data,       DIM, QUERIES, k.at,    v.at,
+					     KEYS,         DIM, 0.1f,    want.at, DIM,
+					     scratch.data, 0,   0};
+
+		memset(out.at, 0, out.count * sizeof(*out.at));
+		tiers[t]->attention(&job);
+		job.out = out.at;
+		job.out_stride = STRIDE;
+		job.out_col = DIM;
+		tiers[t]->attention(&job);
+		for (size_t i = 0; i < QUERIES; i++) {
+			for (size_t d = 0; d < STRIDE; d++) {
+				dvsm_bf16 got = out.at[dvsm_left_place(tiers[t], i, d, STRIDE)];
+
+				if (d < DIM || d >= 2 * DIM)
+					assert_int_equal(got, 0);
+				else
+					assert_int_equal(got, want.at[dvsm_left_place(
+								      tiers[t], i, d - DIM, DIM)]);
+			}
+		}
+		free_numbers(&out);
+		free_numbers(&want);
+	}
+	free_floats(&q);
+	free_floats(&scratch);
+	free_numbers(&k);
+	free_numbers(&v);
+}
+
 static void attention_to_equal_keys_is_the_mean_of_the_values(void **state)
 {
 	enum { KEYS = 4097, DIM = 32 };
 	struct support_guarded q = fill(DIM, 1.0f);
 	struct numbers k = make_numbers(KEYS * DIM, 1.0f), v = make_numbers(KEYS * DIM, 1.0f);
-	struct numbers out = make_numbers(DIM, 1.0f);
+	struct numbers out = make_numbers(16 * DIM, 1.0f);
 	struct support_guarded scratch = fill(dvsm_attention_scratch(DIM) / sizeof(float), 1.0f);
 
 	(void)state;
 	for (size_t i = DIM; i < KEYS * DIM; i++)
 		k.at[i] = k.at[i - DIM];
 	for (size_t t = 0; t < tier_count; t++) {
-		struct dvsm_attention job = {q.data, DIM, 1,      k.at, v.at,        KEYS,
-					     DIM,    1,   out.at, DIM,  scratch.data};
+		struct dvsm_attention job = {q.data, DIM,    1,   k.at,         v.at, KEYS, DIM,
+					     1,      out.at, DIM, scratch.data, 0,    0};
 
 		tiers[t]->attention(&job);
 		for (size_t d = 0; d < DIM; d++) {
@@ -400,7 +509,8 @@ static void attention_to_equal_keys_is_the_mean_of_the_values(void **state)
 				mean += dvsm_bf16_widen(v.at[i * DIM + d]);
 			mean /= KEYS;
 			/* Weights are all the same: sums in float, one rounding at the end. */
-			expect_near(tiers[t]->name, "mean of values", d, dvsm_bf16_widen(out.at[d]),
+			expect_near(tiers[t]->name, "mean of values", d,
+				    dvsm_bf16_widen(out.at[dvsm_left_place(tiers[t], 0, d, DIM)]),
 				    mean, 0.5 * BF16_STEP * fabs(mean) + 140 * ROUNDING);
 		}
 	}
@@ -416,7 +526,7 @@ static void attention_survives_logits_of_a_thousand(void **state)
 	enum { KEYS = 200, DIM = 64 };
 	struct support_guarded q = fill(DIM, 11.0f);
 	struct numbers k = make_numbers(KEYS * DIM, 11.0f), v = make_numbers(KEYS * DIM, 1.0f);
-	struct numbers out = make_numbers(DIM, 1.0f);
+	struct numbers out = make_numbers(16 * DIM, 1.0f);
 	struct support_guarded scratch = fill(dvsm_attention_scratch(DIM) / sizeof(float), 1.0f);
 
 	(void)state;
@@ -424,12 +534,13 @@ static void attention_survives_logits_of_a_thousand(void **state)
 	for (size_t d = 0; d < DIM; d++)
 		k.at[77 * DIM + d] = dvsm_bf16_round(q.data[d]);
 	for (size_t t = 0; t < tier_count; t++) {
-		struct dvsm_attention job = {q.data, DIM,   1,      k.at, v.at,        KEYS,
-					     DIM,    0.125, out.at, DIM,  scratch.data};
+		struct dvsm_attention job = {q.data, DIM,    1,   k.at,         v.at, KEYS, DIM,
+					     0.125,  out.at, DIM, scratch.data, 0,    0};
 
 		tiers[t]->attention(&job);
 		for (size_t d = 0; d < DIM; d++)
-			expect_near(tiers[t]->name, "value", d, dvsm_bf16_widen(out.at[d]),
+			expect_near(tiers[t]->name, "value", d,
+				    dvsm_bf16_widen(out.at[dvsm_left_place(tiers[t], 0, d, DIM)]),
 				    dvsm_bf16_widen(v.at[77 * DIM + d]), 1e-6);
 	}
 	free_floats(&q);
@@ -458,6 +569,8 @@ int main(void)
 		cmocka_unit_test(one_row_alone_gives_the_same_bits_as_in_a_tile),
 		cmocka_unit_test(norms_to_numbers_agree_for_every_width_and_stride),
 		cmocka_unit_test(attention_agrees_for_every_shape),
+		cmocka_unit_test(attention_agrees_where_scores_are_bounded),
+		cmocka_unit_test(attention_writes_its_columns_alone),
 		cmocka_unit_test(attention_survives_logits_of_a_thousand),
 		cmocka_unit_test(attention_to_equal_keys_is_the_mean_of_the_values),
 	};

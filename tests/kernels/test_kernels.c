@@ -401,8 +401,8 @@ static void attention_to_equal_keys_is_the_mean_of_the_values(void **state)
 	for (size_t i = DIM; i < KEYS * DIM; i++)
 		k.data[i] = k.data[i - DIM];
 	for (size_t t = 0; t < tier_count; t++) {
-		struct dvsm_attention job = {q.data, DIM, 1,        k.data, v.data,      KEYS,
-					     DIM,    1,   out.data, DIM,    scratch.data};
+		struct dvsm_attention job = {q.data, DIM,      1,   k.data,       v.data, KEYS, DIM,
+					     1,      out.data, DIM, scratch.data, 0,      0};
 
 		tiers[t]->attention(&job);
 		for (size_t d = 0; d < DIM; d++) {
