@@ -32,6 +32,13 @@ static inline struct amx_config amx_whole_tiles(void)
 	return config;
 }
 
+/** Between stores and the loading of a tile from there: gcc 12's intrinsic does not tell the
+ * compiler that it reads memory. */
+static inline void amx_publish(void)
+{
+	__asm__ volatile("" ::: "memory");
+}
+
 #if defined(DVSM_AMX_MODEL)
 #include "amx_model.h"
 #else

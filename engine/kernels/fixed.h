@@ -62,10 +62,10 @@ enum dvsm_fixed_epilogue {
 };
 
 /**
- * C[rows][cols] = epilogue(r), r[i][j] = R(t a_m[i] w_m[j], shift), t = sum over d of A[i][d]
- * W[j][d], shift = w_shift[j] - a_exponent[i] clamped to 1..62.
+ * C[rows][cols] = epilogue(r), r[i][j] = R(2^15 t f, shift), t = sum over d of A[i][d] W[j][d],
+ * f = R(a_m[i] w_m[j], 15), shift = w_shift[j] - a_exponent[i] clamped to 1..62.
  *
- * The int64 product cannot overflow: |t| < 2^30, a_m w_m < 2^30. r is used modulo 2^32 by ADD and
+ * The int64 product cannot overflow: |t| < 2^30, f < 2^15. r is used modulo 2^32 by ADD and
  * saturated to -32768..32767 by the others.
  *
  * depth <= 65536; rows and cols may be 0

@@ -5,7 +5,6 @@
  * tiles of A meet two of B in four tiles of sums, so that each tile loaded is used twice.
  */
 #include "kernels/amx.h"
-#include "kernels/fixed_avx512_finish.h"
 #include "kernels/fixed_tiers.h"
 #include "kernels/tier.h"
 
@@ -13,102 +12,14 @@
 #define TILE  16u
 #define DEPTH 64u
 
-/* ---- products ---- */
+#include "kernels/fixed_amx_gemm.inc.h"
 
-/* Up to 32 x 32 sums on their way out. */
-struct sums {
-	_Alignas(64) int32_t part[2][2][TILE][TILE];
-};
+/* ---- attention ---- */
 
 /* Rows that are not there are 0; the others are `rows` from `a` on. */
 struct fringe {
 	_Alignas(64) int8_t rows[TILE][DEPTH];
 };
-
-/* Where tile row `row` of A lies at depth d: in place, or copied when it is not whole. */
-static const int8_t *a_tile(const struct dvsm_fixed_gemm *job, size_t row, size_t d,
-			    struct fringe *fringe, size_t *stride)
-{
-	const int8_t *a = job->a + row * job->a_stride + d;
-	size_t rows = job->rows - row;
-
-	*stride = job->a_stride;
-	if (rows >= TILE)
-		return a;
-	*stride = DEPTH;
-	for (size_t i = 0; i < rows; i++)
-		memcpy(fringe->rows[i], a + i * job->a_stride, DEPTH);
-	return &fringe->rows[0][0];
-}
-
-/* Sums of up to two tiles of rows with up to two panels. */
-static void multiply(const struct dvsm_fixed_gemm *job, size_t row, size_t col, struct sums *sums)
-{
-	const bool two_rows = row + TILE < job->rows, two_cols = col + TILE < job->cols;
-	const int8_t *w = job->panels + col * job->depth, *next = w + TILE * job->depth;
-	struct fringe fringe = {{{0}}}, second = {{{0}}};
-
-	AMX_ZERO(0);
-	AMX_ZERO(1);
-	AMX_ZERO(2);
-	AMX_ZERO(3);
-	for (size_t d = 0; d < job->depth; d += DEPTH) {
-		size_t stride;
-		const int8_t *a = a_tile(job, row, d, &fringe, &stride);
-
-		AMX_LOAD(4, a, stride);
-		AMX_LOAD(6, w + d * TILE, 64);
-		AMX_DOT_SIGNED(0, 4, 6);
-		if (two_cols) {
-			AMX_LOAD(7, next + d * TILE, 64);
-			AMX_DOT_SIGNED(1, 4, 7);
-		}
-		if (two_rows) {
-			a = a_tile(job, row + TILE, d, &second, &stride);
-			AMX_LOAD(5, a, stride);
-			AMX_DOT_SIGNED(2, 5, 6);
-			if (two_cols)
-				AMX_DOT_SIGNED(3, 5, 7);
-		}
-	}
-	AMX_STORE(0, sums->part[0][0], 64);
-	AMX_STORE(1, sums->part[0][1], 64);
-	AMX_STORE(2, sums->part[1][0], 64);
-	AMX_STORE(3, sums->part[1][1], 64);
-}
-
-static void gemm(const struct dvsm_fixed_gemm *job)
-{
-	const struct amx_config config = amx_whole_tiles();
-	const bool with_gelu = job->epilogue == DVSM_FIXED_GELU;
-	const struct gelu gelu = gelu_prepare(with_gelu ? job->fraction : 0);
-	struct sums sums;
-
-	amx_open(&config);
-	for (size_t col = 0; col < job->cols; col += 2 * TILE) {
-		const size_t left = job->cols - col;
-		struct columns columns[2];
-
-		columns[0] = load_columns(job, col);
-		columns[1] = load_columns(job, left > TILE ? col + TILE : col);
-		for (size_t row = 0; row < job->rows; row += 2 * TILE) {
-			multiply(job, row, col, &sums);
-			for (size_t i = row; i < job->rows && i < row + 2 * TILE; i++) {
-				const size_t tile = (i - row) / TILE, at = i % TILE;
-
-				for (size_t j = 0; j < 2 && j * TILE < left; j++)
-					finish(job, i, col + j * TILE, &columns[j],
-					       _mm512_load_si512(sums.part[tile][j][at]));
-				if (with_gelu)
-					gelu_row(&gelu, (int16_t *)job->c + i * job->c_stride + col,
-						 left < 2 * TILE ? left : 2 * TILE);
-			}
-		}
-	}
-	amx_close();
-}
-
-/* ---- attention ---- */
 
 #define QUERIES 16
 
@@ -218,6 +129,10 @@ static void add_planes(const struct query *queries, size_t channel, int32_t high
 }
 
 /* Both planes of the weights times two groups of channels at a time. */
+struct sums {
+	_Alignas(64) int32_t part[2][2][TILE][TILE];
+};
+
 static void mix(const struct query *queries, const int8_t *v, size_t head_width, size_t count)
 {
 	const struct amx_config config = amx_whole_tiles();

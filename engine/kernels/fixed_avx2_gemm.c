@@ -41,11 +41,12 @@ static inline void finish(const struct dvsm_fixed_gemm *job, size_t row, size_t 
 {
 	const struct dvsm_fixed_scale scale = job->a_scale[row];
 	const size_t left = job->cols - col, at = row * job->c_stride + col;
-	__m256i factor = _mm256_mullo_epi32(load_s16(job->w_mantissa + col, left),
-					    _mm256_set1_epi32(scale.mantissa));
+	__m256i factor = _mm256_mulhrs_epi16(load_s16(job->w_mantissa + col, left),
+					     _mm256_set1_epi16(scale.mantissa));
 	__m256i shift = _mm256_sub_epi32(load_s16(job->w_shift + col, left),
 					 _mm256_set1_epi32(scale.exponent));
 
+	factor = _mm256_slli_epi32(factor, 15);
 	shift = clamp_lanes(shift, 1, 62);
 	if (job->epilogue == DVSM_FIXED_ADD) {
 		int32_t *c = (int32_t *)job->c + at;

@@ -162,11 +162,6 @@ static void norm(const struct dvsm_fixed_norm *job)
 
 /* ---- int16 to int8 ---- */
 
-static inline __mmask32 first_words(size_t n)
-{
-	return n >= 32 ? 0xffffffffu : (1u << n) - 1;
-}
-
 static uint32_t largest_s16(const int16_t *x, size_t dim)
 {
 	__m512i largest = _mm512_setzero_si512();

@@ -61,4 +61,10 @@ static inline __mmask16 first_lanes(size_t n)
 	return n >= 16 ? 0xffff : (__mmask16)((1u << n) - 1);
 }
 
+/** The first n of 32 lanes. */
+static inline __mmask32 first_words(size_t n)
+{
+	return n >= 32 ? 0xffffffffu : (1u << n) - 1;
+}
+
 #endif

@@ -3,50 +3,152 @@
 #define DVSM_KERNELS_FIXED_AVX512_FINISH_H
 
 #include "kernels/fixed_avx512.h"
+#include "kernels/tier.h"
+
+/*
+ * r = R(t f, shift - 15) of 32-bit sums t in 32-bit lanes. With t = 2^cut high + low, of which high
+ * fits 16 bits, floor(t f / 2^cut) = high f + floor(low f / 2^cut): two multiplications of words.
+ * What is left of the shift must then be a bit at least, or there is nothing to round; where a
+ * column and a row leave less, the products take 64 bits.
+ */
+struct requantise {
+	bool narrow;
+	int cut;
+	__m128i up; /* 16 - cut: low to the top of its word */
+};
+
+/* The least shift of a job's columns and rows; those of scale 0 yield 0 with any. */
+static int least_shift(const struct dvsm_fixed_gemm *job)
+{
+	const __m512i zero = _mm512_setzero_si512();
+	__m512i least = _mm512_set1_epi16(INT16_MAX);
+	int most = INT16_MIN;
+
+	for (size_t j = 0; j < job->cols; j += 32) {
+		const __mmask32 lanes = first_words(job->cols - j);
+		__m512i mantissa = _mm512_maskz_loadu_epi16(lanes, job->w_mantissa + j);
+		__m512i shift = _mm512_maskz_loadu_epi16(lanes, job->w_shift + j);
+
+		least = _mm512_mask_min_epi16(least, _mm512_cmpneq_epi16_mask(mantissa, zero),
+					      least, shift);
+	}
+	for (size_t i = 0; i < job->rows; i++)
+		if (job->a_scale[i].mantissa && job->a_scale[i].exponent > most)
+			most = job->a_scale[i].exponent;
+
+	__m512i halves[2] = {_mm512_cvtepi16_epi32(_mm512_castsi512_si256(least)),
+			     _mm512_cvtepi16_epi32(_mm512_extracti64x4_epi64(least, 1))};
+
+	return _mm512_reduce_min_epi32(_mm512_min_epi32(halves[0], halves[1])) - most;
+}
+
+static struct requantise requantise_prepare(const struct dvsm_fixed_gemm *job)
+{
+	/* |t| is at most 128 times 127 a step of depth, and high is below 2^15. */
+	const int bits = dvsm_fixed_bits((uint64_t)job->depth * 128 * 127);
+	const int cut = bits > 15 ? bits - 15 : 0;
+
+	return (struct requantise){
+		.narrow = least_shift(job) > 15 + cut,
+		.cut = cut,
+		.up = _mm_cvtsi32_si128(16 - cut),
+	};
+}
 
 /* The columns of a tile as its epilogue needs them. */
 struct columns {
-	__m512i mantissa, shift;
+	__m512i mantissa; /* twice in each lane */
+	__m512i shift;
 	__mmask16 lanes;
 };
 
 static struct columns load_columns(const struct dvsm_fixed_gemm *job, size_t first)
 {
-	const __mmask16 lanes = first_lanes(job->cols - first);
-	__m256i mantissa = _mm256_maskz_loadu_epi16(lanes, job->w_mantissa + first);
+	const __mmask16 lanes = first < job->cols ? first_lanes(job->cols - first) : 0;
+	__m512i mantissa =
+		_mm512_cvtepu16_epi32(_mm256_maskz_loadu_epi16(lanes, job->w_mantissa + first));
 	__m256i shift = _mm256_maskz_loadu_epi16(lanes, job->w_shift + first);
 
-	return (struct columns){_mm512_cvtepi16_epi32(mantissa), _mm512_cvtepi16_epi32(shift),
-				lanes};
+	return (struct columns){_mm512_or_si512(mantissa, _mm512_slli_epi32(mantissa, 16)),
+				_mm512_cvtepi16_epi32(shift), lanes};
 }
 
-static inline void finish(const struct dvsm_fixed_gemm *job, size_t row, size_t col,
-			  const struct columns *columns, __m512i sums)
+/* The scale of a row in all lanes: its mantissa twice in each. */
+struct row_lanes {
+	__m512i mantissa, exponent;
+};
+
+/* Scales of up to 32 rows as load_row() takes them. */
+struct row_scales {
+	_Alignas(64) int32_t mantissas[32], exponents[32];
+};
+
+static inline void prepare_rows(const struct requantise *how, const struct dvsm_fixed_scale *scales,
+				size_t rows, struct row_scales *out)
 {
-	const struct dvsm_fixed_scale scale = job->a_scale[row];
-	__m512i factor = _mm512_mullo_epi32(columns->mantissa, _mm512_set1_epi32(scale.mantissa));
-	__m512i shift =
-		clamp_shift(_mm512_sub_epi32(columns->shift, _mm512_set1_epi32(scale.exponent)));
-	struct wide r = round_products(sums, factor, shift);
-	size_t at = row * job->c_stride + col;
+	/* Narrow, the shift is without what the cut and the last bit take. */
+	const __m512i taken = _mm512_set1_epi32(how->narrow ? 16 + how->cut : 0);
+	const __m512i low = _mm512_set1_epi32(0xffff);
 
-	if (job->epilogue == DVSM_FIXED_ADD) {
-		int32_t *c = (int32_t *)job->c + at;
-		__m512i before = _mm512_maskz_loadu_epi32(columns->lanes, c);
+	for (size_t i = 0; i < rows; i += 16) {
+		__m512i pairs = _mm512_maskz_loadu_epi32(first_lanes(rows - i), scales + i);
+		__m512i mantissa = _mm512_and_si512(pairs, low);
 
-		_mm512_mask_storeu_epi32(c, columns->lanes, _mm512_add_epi32(before, wide_low(r)));
-	} else {
-		_mm512_mask_cvtepi32_storeu_epi16((int16_t *)job->c + at, columns->lanes,
-						  wide_saturate(r, 1 << 15));
+		mantissa = _mm512_or_si512(mantissa, _mm512_slli_epi32(mantissa, 16));
+		_mm512_store_si512(out->mantissas + i, mantissa);
+		_mm512_store_si512(out->exponents + i,
+				   _mm512_add_epi32(_mm512_srai_epi32(pairs, 16), taken));
 	}
 }
 
-/* One row of a tile to its GELU, in place; the table's neighbours are in `next`. */
+static inline struct row_lanes load_row(const struct row_scales *scales, size_t row)
+{
+	return (struct row_lanes){_mm512_set1_epi32(scales->mantissas[row]),
+				  _mm512_set1_epi32(scales->exponents[row])};
+}
+
+/* r of sixteen sums, exact in 32 bits when narrow. */
+static inline __m512i requantise_narrow(const struct requantise *how, const struct row_lanes *row,
+					const struct columns *columns, __m512i sums)
+{
+	const __m512i one = _mm512_set1_epi32(1);
+	__m512i factor = _mm512_mulhrs_epi16(columns->mantissa, row->mantissa);
+	__m512i one_and_factor =
+		_mm512_mask_mulhrs_epi16(one, 0xaaaaaaaa, columns->mantissa, row->mantissa);
+	__m512i shift = _mm512_sub_epi32(columns->shift, row->exponent);
+	__m512i words = _mm512_sll_epi32(sums, how->up);
+
+	words = _mm512_mask_mulhi_epu16(words, 0x55555555, words, factor);
+	words = _mm512_srav_epi32(_mm512_madd_epi16(words, one_and_factor), shift);
+	return _mm512_srai_epi32(_mm512_add_epi32(words, one), 1);
+}
+
+static inline struct wide requantise_wide(const struct row_lanes *row,
+					  const struct columns *columns, __m512i sums)
+{
+	__m512i factor = _mm512_mulhrs_epi16(columns->mantissa, row->mantissa);
+
+	factor = _mm512_slli_epi32(_mm512_srli_epi32(factor, 16), 15);
+	return round_products(sums, factor,
+			      clamp_shift(_mm512_sub_epi32(columns->shift, row->exponent)));
+}
+
+/* r of sixteen sums: modulo 2^32, or as int16 saturates it. */
+DVSM_INLINE __m512i requantise(const bool narrow, const bool adds, const struct requantise *how,
+			       const struct row_lanes *row, const struct columns *columns,
+			       __m512i sums)
+{
+	if (narrow)
+		return requantise_narrow(how, row, columns, sums);
+	return adds ? wide_low(requantise_wide(row, columns, sums))
+		    : wide_saturate(requantise_wide(row, columns, sums), 1 << 15);
+}
+
+/* GELU's table with half a unit of the result in it, and its steps. */
 struct gelu {
-	__m512i table[2], next[2];
+	__m512i table[2], steps[2];
 	__m512i limit;
 	__m128i up, down;
-	__m512i half;
 	bool tails; /* below two fraction bits there are none */
 };
 
@@ -57,47 +159,40 @@ static struct gelu gelu_prepare(int fraction)
 
 	if (!gelu.tails)
 		return gelu;
-	gelu.table[0] = _mm512_loadu_si512(tail);
-	gelu.table[1] = _mm512_loadu_si512(tail + 32);
-	gelu.next[0] = _mm512_loadu_si512(tail + 1);
-	gelu.next[1] = _mm512_loadu_si512(tail + 33);
+	for (int i = 0; i < 2; i++) {
+		__m512i at = _mm512_loadu_si512(tail + 32 * i);
+		__m512i next = _mm512_loadu_si512(tail + 32 * i + 1);
+
+		gelu.table[i] =
+			_mm512_add_epi16(at, _mm512_set1_epi16((int16_t)(1 << (16 - fraction))));
+		gelu.steps[i] = _mm512_sub_epi16(next, at);
+	}
 	gelu.limit = _mm512_set1_epi16((int16_t)(16383 >> (12 - fraction)));
 	gelu.up = _mm_cvtsi32_si128(12 - fraction);
 	gelu.down = _mm_cvtsi32_si128(17 - fraction);
-	gelu.half = _mm512_set1_epi16((int16_t)(1 << (16 - fraction)));
 	return gelu;
 }
 
+/*
+ * Beyond the table its last number counts whose place `up` can write: less than half a unit of the
+ * result, as what belongs there.
+ */
 static inline __m512i gelu_lanes(const struct gelu *gelu, __m512i u)
 {
-	const __m512i most = _mm512_set1_epi16(INT16_MAX), zero = _mm512_setzero_si512();
-	__m512i positive = _mm512_max_epi16(u, zero);
+	__m512i positive = _mm512_max_epi16(u, _mm512_setzero_si512());
 
 	if (!gelu->tails)
 		return positive;
 
-	__m512i size = _mm512_min_epu16(_mm512_abs_epi16(u), most);
-	__mmask32 beyond = _mm512_cmpgt_epu16_mask(size, gelu->limit);
-	__m512i at = _mm512_mask_mov_epi16(_mm512_sll_epi16(size, gelu->up), beyond,
-					   _mm512_set1_epi16(16383));
+	__m512i size = _mm512_min_epu16(_mm512_abs_epi16(u), gelu->limit);
+	__m512i at = _mm512_sll_epi16(size, gelu->up);
 	__m512i index = _mm512_srli_epi16(at, 8);
 	__m512i share = _mm512_slli_epi16(_mm512_and_si512(at, _mm512_set1_epi16(255)), 7);
 	__m512i tail = _mm512_permutex2var_epi16(gelu->table[0], index, gelu->table[1]);
-	__m512i next = _mm512_permutex2var_epi16(gelu->next[0], index, gelu->next[1]);
+	__m512i step = _mm512_permutex2var_epi16(gelu->steps[0], index, gelu->steps[1]);
 
-	tail = _mm512_add_epi16(tail, _mm512_mulhrs_epi16(_mm512_sub_epi16(next, tail), share));
-	tail = _mm512_srl_epi16(_mm512_add_epi16(tail, gelu->half), gelu->down);
-	return _mm512_sub_epi16(positive, tail);
-}
-
-static void gelu_row(const struct gelu *gelu, int16_t *c, size_t count)
-{
-	for (size_t j = 0; j < count; j += 32) {
-		__mmask32 lanes = count - j >= 32 ? 0xffffffffu : (1u << (count - j)) - 1;
-		__m512i u = _mm512_maskz_loadu_epi16(lanes, c + j);
-
-		_mm512_mask_storeu_epi16(c + j, lanes, gelu_lanes(gelu, u));
-	}
+	tail = _mm512_add_epi16(tail, _mm512_mulhrs_epi16(step, share));
+	return _mm512_sub_epi16(positive, _mm512_srl_epi16(tail, gelu->down));
 }
 
 #endif

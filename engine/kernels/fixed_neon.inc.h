@@ -37,11 +37,11 @@ static void dot(const int8_t *a, size_t a_stride, size_t rows, const int8_t *b, 
 
 /* ---- products ---- */
 
-/* R(t a_m w_m, shift) of four columns, as two pairs of 64 bits. */
+/* R(t f 2^15, shift) of four columns, as two pairs of 64 bits. */
 static inline void requantise(int32x4_t sums, struct dvsm_fixed_scale scale, int16x4_t mantissa,
 			      int16x4_t shift, int64x2_t *low, int64x2_t *high)
 {
-	const int32x4_t factor = vmull_n_s16(mantissa, scale.mantissa);
+	const int32x4_t factor = vshll_n_s16(vqrdmulh_n_s16(mantissa, scale.mantissa), 15);
 	int32x4_t left = vsubq_s32(vdupq_n_s32(scale.exponent), vmovl_s16(shift));
 
 	left = vmaxq_s32(vminq_s32(left, vdupq_n_s32(-1)), vdupq_n_s32(-62));

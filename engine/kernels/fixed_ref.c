@@ -9,8 +9,8 @@ static void store(const struct dvsm_fixed_gemm *job, size_t row, size_t col, int
 {
 	const struct dvsm_fixed_scale scale = job->a_scale[row];
 	int shift = dvsm_fixed_clamp(job->w_shift[col] - scale.exponent, 1, 62);
-	int64_t product = (int64_t)sum * (scale.mantissa * job->w_mantissa[col]);
-	int64_t r = dvsm_fixed_round(product, shift);
+	int64_t factor = dvsm_fixed_mulhrs(scale.mantissa, job->w_mantissa[col]);
+	int64_t r = dvsm_fixed_round(sum * factor * (1 << 15), shift);
 	size_t at = row * job->c_stride + col;
 
 	switch (job->epilogue) {

@@ -36,15 +36,47 @@ static inline __m512i broadcast(const int8_t *a)
 	return _mm512_set1_epi32(four);
 }
 
+/* Sixteen sums of a row to their place. */
+DVSM_INLINE void finish(const struct dvsm_fixed_gemm *job, const struct requantise *how,
+			const struct row_lanes *scale, size_t row, size_t col,
+			const struct columns *columns, __m512i sums)
+{
+	size_t at = row * job->c_stride + col;
+
+	if (job->epilogue == DVSM_FIXED_ADD) {
+		int32_t *c = (int32_t *)job->c + at;
+		__m512i before = _mm512_maskz_loadu_epi32(columns->lanes, c);
+		__m512i r = requantise(how->narrow, true, how, scale, columns, sums);
+
+		_mm512_mask_storeu_epi32(c, columns->lanes, _mm512_add_epi32(before, r));
+	} else {
+		__m512i r = requantise(how->narrow, false, how, scale, columns, sums);
+
+		_mm512_mask_cvtsepi32_storeu_epi16((int16_t *)job->c + at, columns->lanes, r);
+	}
+}
+
+/* A row's columns to their GELU, in place. */
+static void gelu_row(const struct gelu *gelu, int16_t *c, size_t count)
+{
+	for (size_t j = 0; j < count; j += 32) {
+		__mmask32 lanes = count - j >= 32 ? 0xffffffffu : (1u << (count - j)) - 1;
+		__m512i u = _mm512_maskz_loadu_epi16(lanes, c + j);
+
+		_mm512_mask_storeu_epi16(c + j, lanes, gelu_lanes(gelu, u));
+	}
+}
+
 /* `rows` x `panels` (constants where it is called) from row and column `row`, `col` on. */
 DVSM_INLINE void tile(const int rows, const int panels, const struct dvsm_fixed_gemm *job,
-		      size_t row, size_t col, const int32_t *offset,
+		      const struct requantise *how, size_t row, size_t col, const int32_t *offset,
 		      const struct columns columns[PANELS])
 {
 	const __m512i flip = _mm512_set1_epi8(INT8_MIN);
 	const int8_t *a = job->a + row * job->a_stride, *w = job->panels + col * job->depth;
 	const size_t panel_bytes = DVSM_FIXED_PANEL * job->depth;
 	__m512i sums[ROWS][PANELS], done[ROWS][PANELS];
+	struct row_scales scales;
 
 	DVSM_UNROLL
 	for (int i = 0; i < rows; i++) {
@@ -76,16 +108,19 @@ DVSM_INLINE void tile(const int rows, const int panels, const struct dvsm_fixed_
 			_mm512_store_si512(&done[i][j], sums[i][j]);
 	}
 	/* By way of memory: unrolled, this much code would push the sums out of their registers. */
+	prepare_rows(how, job->a_scale + row, (size_t)rows, &scales);
 	for (int i = 0; i < rows; i++) {
+		const struct row_lanes scale = load_row(&scales, (size_t)i);
+
 		for (int j = 0; j < panels; j++)
-			finish(job, row + (size_t)i, col + (size_t)j * DVSM_FIXED_PANEL,
-			       &columns[j], done[i][j]);
+			finish(job, how, &scale, row + (size_t)i,
+			       col + (size_t)j * DVSM_FIXED_PANEL, &columns[j], done[i][j]);
 	}
 }
 
 /* All rows of `panels` panels. */
-DVSM_INLINE void walk_rows(const int panels, const struct dvsm_fixed_gemm *job, size_t col,
-			   const struct gelu *gelu)
+DVSM_INLINE void walk_rows(const int panels, const struct dvsm_fixed_gemm *job,
+			   const struct requantise *how, size_t col, const struct gelu *gelu)
 {
 	struct columns columns[PANELS];
 	size_t left = job->cols - col, full = (size_t)panels * DVSM_FIXED_PANEL;
@@ -100,11 +135,11 @@ DVSM_INLINE void walk_rows(const int panels, const struct dvsm_fixed_gemm *job, 
 		step = left >= ROWS ? ROWS : left >= 4 ? 4 : 1;
 		offsets(job, row, step, offset);
 		if (step == ROWS)
-			tile(ROWS, panels, job, row, col, offset, columns);
+			tile(ROWS, panels, job, how, row, col, offset, columns);
 		else if (step == 4)
-			tile(4, panels, job, row, col, offset, columns);
+			tile(4, panels, job, how, row, col, offset, columns);
 		else
-			tile(1, panels, job, row, col, offset, columns);
+			tile(1, panels, job, how, row, col, offset, columns);
 		for (size_t i = row; gelu && i < row + step; i++)
 			gelu_row(gelu, (int16_t *)job->c + i * job->c_stride + col, width);
 	}
@@ -114,14 +149,15 @@ void dvsm_fixed_gemm_vnni(const struct dvsm_fixed_gemm *job)
 {
 	const bool with_gelu = job->epilogue == DVSM_FIXED_GELU;
 	const struct gelu gelu = gelu_prepare(with_gelu ? job->fraction : 0);
+	const struct requantise how = requantise_prepare(job);
 	size_t col = 0;
 
 	while (col < job->cols) {
 		if (job->cols - col > (PANELS - 1) * DVSM_FIXED_PANEL) {
-			walk_rows(PANELS, job, col, with_gelu ? &gelu : NULL);
+			walk_rows(PANELS, job, &how, col, with_gelu ? &gelu : NULL);
 			col += PANELS * DVSM_FIXED_PANEL;
 		} else {
-			walk_rows(1, job, col, with_gelu ? &gelu : NULL);
+			walk_rows(1, job, &how, col, with_gelu ? &gelu : NULL);
 			col += DVSM_FIXED_PANEL;
 		}
 	}
