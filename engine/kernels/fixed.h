@@ -30,7 +30,7 @@
 #define DVSM_FIXED_HEAD 16u
 
 /** Keys between two looks at the running maximum of attention: part of the specification. */
-#define DVSM_FIXED_KEYS 256u
+#define DVSM_FIXED_KEYS 128u
 
 /** Packed keys and values of a layer are filled up with zeros to a multiple of this. */
 #define DVSM_FIXED_KEY_PAD 64u
@@ -226,12 +226,12 @@ typedef void dvsm_fixed_pack_fn(const struct dvsm_fixed_pack *job);
  * One head's attention for up to DVSM_FIXED_QUERIES queries, in one pass over tiles of
  * DVSM_FIXED_KEYS keys (the last may be shorter). Per query, s[key] = sum over d of q k:
  *
- *   exponent of q_scale gives down = max(0, -exponent - 26) and up = max(0, exponent + 26), both at
+ *   exponent of q_scale gives down = max(0, -exponent - 27) and up = max(0, exponent + 27), both at
  *   most 31 and 15; factor = 2 mantissa
  *   first tile:  top = max s;  O = 0, sum = 0
  *   later:       if max s > top, dvsm_fixed_raise() gives J and the new top;
  *                O = R(O, J), sum = R(sum, J)
- *   p = dvsm_fixed_exp2(min(max(top - s, 0) >> down, 65535) factor >> 16, up), 0..32768
+ *   p = dvsm_fixed_exp2(min(max(top - s, 0) >> down, 65535) factor >> 16, up), 0..23150
  *   O[d] += sum of (p >> 8) v + R(sum of (p & 255) v, 8), sums over the keys of the tile
  *   sum  += sum of p
  *

@@ -9,6 +9,10 @@
 /* Rows and columns of a block. */
 #define BLOCK ((size_t)2 * TILE)
 
+/* Rows of a block that go out while the last products of the next one are on their way: loads would
+ * wait for stores that wait for these, where addresses are alike in their lower 12 bits. */
+#define LAST_ROWS ((size_t)8)
+
 /* A block of sums on its way out, a row at a time. */
 struct block {
 	_Alignas(64) int32_t sums[2][2][TILE][TILE]; /* [rows' tile][columns' tile] */
@@ -135,6 +139,7 @@ DVSM_INLINE void multiply(const struct finish finish, const struct product *prod
 	const int8_t *w = job->panels + col * job->depth, *next = w + TILE * job->depth;
 	const struct outlet outlet = open_outlet(product, before);
 	const size_t rows = before->rows, share = product->share;
+	const size_t early = rows < LAST_ROWS ? 0 : rows - LAST_ROWS;
 	size_t done = 0;
 
 	for (size_t d = 0; d < job->depth; d += DEPTH, w += DEPTH * TILE, next += DEPTH * TILE) {
@@ -149,7 +154,7 @@ DVSM_INLINE void multiply(const struct finish finish, const struct product *prod
 		/* The block before waits for its last products: none of its rows in the first step.
 		 */
 		if (d > 0) {
-			size_t end = rows - done < share ? rows : done + share;
+			size_t end = early - done < share ? early : done + share;
 
 			finish_rows(finish, &outlet, before, done, end);
 			done = end;
@@ -215,7 +220,7 @@ static void gemm(const struct dvsm_fixed_gemm *job)
 		.how = requantise_prepare(job),
 		.gelu = gelu_prepare(gelu ? job->fraction : 0),
 		.c_bytes = job->c_stride * (adds ? sizeof(int32_t) : sizeof(int16_t)),
-		.share = BLOCK * DEPTH / (job->depth | 1) + 2,
+		.share = (BLOCK - LAST_ROWS) * DEPTH / (job->depth | 1) + 1,
 	};
 
 	amx_open(&config);

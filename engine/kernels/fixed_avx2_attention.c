@@ -2,8 +2,7 @@
  * Fixed-point attention for AVX2: four queries pass over the keys together.
  *
  * H + R(L, 8) of the two planes is R(256 H + L, 8), and 256 H + L, the sum of p v over a tile of
- * 256 keys, fits 32 bits. So the weights need no planes; they are kept negative, because 2^15 is no
- * int16 and -2^15 is.
+ * keys, fits 32 bits. So the weights need no planes.
  */
 #include "kernels/fixed_avx2.h"
 #include "kernels/fixed_tiers.h"
@@ -18,7 +17,7 @@ struct query {
 	int64_t sum;
 	int16_t *q;       /* [head_width] ordered words */
 	int32_t *scores;  /* [DVSM_FIXED_KEYS] */
-	int16_t *weights; /* [DVSM_FIXED_KEYS] negative, ordered words */
+	int16_t *weights; /* [DVSM_FIXED_KEYS] ordered words */
 	int32_t *o;       /* [head_width] */
 };
 
@@ -44,9 +43,18 @@ static void score(const struct query *queries, const int8_t *k, size_t head_widt
 
 static int32_t largest_score(const struct query *query, size_t count)
 {
-	int32_t largest = query->scores[0];
+	__m256i most = _mm256_set1_epi32(INT32_MIN);
+	int32_t parts[8], largest;
+	size_t key = 0;
 
-	for (size_t key = 1; key < count; key++)
+	for (; key + 8 <= count; key += 8)
+		most = _mm256_max_epi32(most,
+					_mm256_load_si256((const __m256i *)(query->scores + key)));
+	_mm256_storeu_si256((__m256i *)parts, most);
+	largest = parts[0];
+	for (int i = 1; i < 8; i++)
+		largest = parts[i] > largest ? parts[i] : largest;
+	for (; key < count; key++)
 		largest = query->scores[key] > largest ? query->scores[key] : largest;
 	return largest;
 }
@@ -62,32 +70,30 @@ static inline __m256i exp2_lanes(__m256i x, int up)
 				       _mm256_sll_epi16(x, _mm_cvtsi32_si128(up)), within);
 	}
 
-	__m256i t = _mm256_slli_epi16(_mm256_and_si256(x, _mm256_set1_epi16(2047)), 4);
-	__m256i r = _mm256_set1_epi16(DVSM_FIXED_EXP2_D);
+	__m256i whole = _mm256_avg_epu16(_mm256_srli_epi16(x, 11), _mm256_setzero_si256());
+	__m256i t = _mm256_slli_epi16(x, 4), r = _mm256_set1_epi16(DVSM_FIXED_EXP2_C);
 
-	r = _mm256_sub_epi16(_mm256_set1_epi16(DVSM_FIXED_EXP2_C), _mm256_mulhrs_epi16(t, r));
 	r = _mm256_sub_epi16(_mm256_set1_epi16(DVSM_FIXED_EXP2_B), _mm256_mulhrs_epi16(t, r));
 	r = _mm256_sub_epi16(_mm256_set1_epi16(DVSM_FIXED_EXP2_A), _mm256_mulhrs_epi16(t, r));
-	r = _mm256_mulhrs_epi16(t, r);
+	r = _mm256_sub_epi16(_mm256_set1_epi16((int16_t)DVSM_FIXED_EXP2_ONE),
+			     _mm256_mulhrs_epi16(t, r));
 
 	/* AVX2 has no shift a word: one for the even words, one for the odd. */
-	__m256i power = _mm256_sub_epi16(_mm256_set1_epi16(-1), _mm256_add_epi16(r, r));
-	__m256i down = _mm256_srli_epi16(x, 11), low = _mm256_set1_epi32(0xffff);
-	__m256i even = _mm256_srlv_epi32(_mm256_and_si256(power, low), _mm256_and_si256(down, low));
-	__m256i odd = _mm256_srlv_epi32(power, _mm256_srli_epi32(down, 16));
+	__m256i low = _mm256_set1_epi32(0xffff);
+	__m256i even = _mm256_srlv_epi32(_mm256_and_si256(r, low), _mm256_and_si256(whole, low));
+	__m256i odd = _mm256_srlv_epi32(r, _mm256_srli_epi32(whole, 16));
 
-	power = _mm256_blend_epi16(even, odd, 0xaa);
-	return _mm256_avg_epu16(power, _mm256_setzero_si256());
+	return _mm256_avg_epu16(_mm256_blend_epi16(even, odd, 0xaa), _mm256_setzero_si256());
 }
 
 /* Scores to weights, 16 keys at a time, 0 behind the last up to whole vectors. */
 static void weigh(struct query *query, size_t count)
 {
-	const __m256i top = _mm256_set1_epi32(query->top), zero = _mm256_setzero_si256();
+	const __m256i top = _mm256_set1_epi32(query->top);
 	const __m256i factor = _mm256_set1_epi16((int16_t)query->slope.factor);
-	const __m256i low = _mm256_set1_epi32(0xffff);
+	const __m256i ones = _mm256_set1_epi16(1);
 	const __m128i down = _mm_cvtsi32_si128(query->slope.down);
-	__m256i sums = zero;
+	__m256i sums = _mm256_setzero_si256();
 
 	for (size_t key = 0; key < count; key += 16) {
 		const __m256i *scores = (const __m256i *)(query->scores + key);
@@ -106,10 +112,8 @@ static void weigh(struct query *query, size_t count)
 				p, _mm256_cmpgt_epi16(_mm256_set1_epi16((int16_t)(count - key)),
 						      lanes));
 		}
-		sums = _mm256_add_epi32(sums, _mm256_and_si256(p, low));
-		sums = _mm256_add_epi32(sums, _mm256_srli_epi32(p, 16));
-		_mm256_store_si256((__m256i *)(query->weights + key),
-				   order_words(_mm256_sub_epi16(zero, p)));
+		sums = _mm256_add_epi32(sums, _mm256_madd_epi16(p, ones));
+		_mm256_store_si256((__m256i *)(query->weights + key), order_words(p));
 	}
 
 	int32_t parts[8];
@@ -146,7 +150,7 @@ static void mix(const struct query *queries, const int8_t *v, size_t head_width,
 			for (int j = 0; j < 2; j++) {
 				__m256i *o = (__m256i *)(queries[i].o + d + 8 * (size_t)j);
 				__m256i r =
-					_mm256_srai_epi32(_mm256_sub_epi32(half, sums[i][j]), 8);
+					_mm256_srai_epi32(_mm256_add_epi32(half, sums[i][j]), 8);
 
 				_mm256_store_si256(o, _mm256_add_epi32(_mm256_load_si256(o), r));
 			}

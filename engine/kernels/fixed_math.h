@@ -219,14 +219,15 @@ static inline int16_t dvsm_fixed_gelu(int16_t u, int fraction)
 	return (int16_t)((u > 0 ? u : 0) - dvsm_fixed_round(tail, 17 - fraction));
 }
 
-/* 2^-t = 1 - t (A - t (B - t (C - t D))) for t in [0, 1), to 2.1e-6; in units of 2^-15. */
-#define DVSM_FIXED_EXP2_A 22711
-#define DVSM_FIXED_EXP2_B 7849
-#define DVSM_FIXED_EXP2_C 1749
-#define DVSM_FIXED_EXP2_D 226
+/* 2^-t = 1 - 2t (A - 2t (B - 2t C)) for t in [-1/2, 1/2), to 9.4e-5, in units of 1 / ONE: what of
+ * it is largest, 2^(1/2), fits 16 bits. */
+#define DVSM_FIXED_EXP2_ONE 46300
+#define DVSM_FIXED_EXP2_A   16051
+#define DVSM_FIXED_EXP2_B   2808
+#define DVSM_FIXED_EXP2_C   318
 
 /**
- * 2^15 2^-(x 2^up / 2^11), 0..32768; x 2^up is saturated to 65535.
+ * 23150 2^-(x 2^up / 2^12), rounded; x 2^up is saturated to 65535, for which it is 0.
  *
  * x   0..65535
  * up  0..15
@@ -235,16 +236,16 @@ static inline uint16_t dvsm_fixed_exp2(uint32_t x, int up)
 {
 	x = x > 65535u >> up ? 65535u : x << up;
 
-	int16_t t = (int16_t)((x & 2047) << 4), r = DVSM_FIXED_EXP2_D;
+	/* The whole power nearest to x, and what is left: a fraction of 16 bits with a sign. */
+	uint32_t whole = ((x >> 11) + 1) >> 1;
+	int16_t t = (int16_t)(uint16_t)(x << 4), r = DVSM_FIXED_EXP2_C;
 
-	r = (int16_t)(DVSM_FIXED_EXP2_C - dvsm_fixed_mulhrs(t, r));
 	r = (int16_t)(DVSM_FIXED_EXP2_B - dvsm_fixed_mulhrs(t, r));
 	r = (int16_t)(DVSM_FIXED_EXP2_A - dvsm_fixed_mulhrs(t, r));
-	r = dvsm_fixed_mulhrs(t, r);
 
-	uint32_t power = 65535u - 2 * (uint32_t)r; /* 2^16 2^-t, 16 bits */
+	uint32_t power = (uint32_t)(DVSM_FIXED_EXP2_ONE - dvsm_fixed_mulhrs(t, r));
 
-	return (uint16_t)(((power >> (x >> 11)) + 1) >> 1);
+	return (uint16_t)(((power >> whole) + 1) >> 1);
 }
 
 /** Where the scores of a query end up: x = d >> down, then factor, then up. */
@@ -255,7 +256,7 @@ struct dvsm_fixed_slope {
 
 static inline struct dvsm_fixed_slope dvsm_fixed_slope_make(struct dvsm_fixed_scale scale)
 {
-	int shift = -scale.exponent - 26;
+	int shift = -scale.exponent - 27;
 
 	return (struct dvsm_fixed_slope){
 		.down = dvsm_fixed_clamp(shift, 0, 31),
@@ -265,8 +266,8 @@ static inline struct dvsm_fixed_slope dvsm_fixed_slope_make(struct dvsm_fixed_sc
 }
 
 /**
- * A new maximum: by how many powers of two (0..62) sums shrink, and the score that p = 2^15 stands
- * for from now on. A whole number of powers, so that shrinking is a shift.
+ * A new maximum: by how many powers of two (0..62) sums shrink, and the score that the largest p
+ * stands for from now on. A whole number of powers, so that shrinking is a shift.
  *
  * top, largest   largest > *top; both below 2^29 in size
  *

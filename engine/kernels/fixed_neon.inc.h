@@ -163,11 +163,10 @@ static void gemm(const struct dvsm_fixed_gemm *job)
 /* ---- attention ---- */
 
 /*
- * Weights p are 16 bits wide and positive, what multiplies is signed and 8 wide: p >> 8 goes in
- * without 64 and p & 255 without 128; both times the sum of the values is added again.
+ * Weights p are 15 bits wide and positive, what multiplies is signed and 8 wide: p >> 8 goes in as
+ * it is, p & 255 without 128; as often the sum of the values is added again.
  */
-#define HIGH_OFFSET 64
-#define LOW_OFFSET  128
+#define LOW_OFFSET 128
 
 /* The scratch of one call. */
 struct places {
@@ -213,22 +212,19 @@ static int32_t largest_of(const int32_t *scores, size_t count)
 static inline uint16x8_t exp2_of(uint16x8_t x, int up)
 {
 	const int16x8_t a = vdupq_n_s16(DVSM_FIXED_EXP2_A), b = vdupq_n_s16(DVSM_FIXED_EXP2_B);
-	const int16x8_t c = vdupq_n_s16(DVSM_FIXED_EXP2_C), d = vdupq_n_s16(DVSM_FIXED_EXP2_D);
+	const int16x8_t one = vreinterpretq_s16_u16(vdupq_n_u16(DVSM_FIXED_EXP2_ONE));
 	int16x8_t t, r, whole;
-	uint16x8_t power;
 
 	x = vqshlq_u16(x, vdupq_n_s16((int16_t)up));
-	t = vreinterpretq_s16_u16(vshlq_n_u16(vandq_u16(x, vdupq_n_u16(2047)), 4));
-	r = vsubq_s16(c, vqrdmulhq_s16(t, d));
-	r = vsubq_s16(b, vqrdmulhq_s16(t, r));
+	t = vreinterpretq_s16_u16(vshlq_n_u16(x, 4));
+	r = vsubq_s16(b, vqrdmulhq_n_s16(t, DVSM_FIXED_EXP2_C));
 	r = vsubq_s16(a, vqrdmulhq_s16(t, r));
-	r = vqrdmulhq_s16(t, r);
-	power = vsubq_u16(vdupq_n_u16(65535), vreinterpretq_u16_s16(vshlq_n_s16(r, 1)));
-	whole = vreinterpretq_s16_u16(vshrq_n_u16(x, 11));
-	return vrshrq_n_u16(vshlq_u16(power, vnegq_s16(whole)), 1);
+	r = vsubq_s16(one, vqrdmulhq_s16(t, r));
+	whole = vreinterpretq_s16_u16(vrshrq_n_u16(x, 12));
+	return vrshrq_n_u16(vshlq_u16(vreinterpretq_u16_s16(r), vnegq_s16(whole)), 1);
 }
 
-/* How far four scores are from the top, in units of 2^-11 powers of two before `up`. */
+/* How far four scores are from the top, in units of 2^-12 powers of two before `up`. */
 static inline uint16x4_t distance(int32x4_t scores, int32x4_t top, struct dvsm_fixed_slope slope)
 {
 	uint32x4_t way = vreinterpretq_u32_s32(vmaxq_s32(vsubq_s32(top, scores), vdupq_n_s32(0)));
@@ -255,8 +251,7 @@ static uint32_t weigh(const int32_t *scores, size_t count, size_t padded, int32_
 		if (left < 8)
 			p = vandq_u16(p, vcltq_u16(vld1q_u16(order), vdupq_n_u16((uint16_t)left)));
 		sum = vpadalq_u16(sum, p);
-		vst1_s8(high + key,
-			vsub_s8(vreinterpret_s8_u8(vshrn_n_u16(p, 8)), vdup_n_s8(HIGH_OFFSET)));
+		vst1_s8(high + key, vreinterpret_s8_u8(vshrn_n_u16(p, 8)));
 		vst1_s8(low + key, veor_s8(vreinterpret_s8_u8(vmovn_u16(p)), vdup_n_s8(INT8_MIN)));
 	}
 	return vaddvq_u32(sum);
@@ -304,7 +299,6 @@ static void mix(const struct dvsm_fixed_attention *job, const struct places *at,
 							     LOW_OFFSET);
 
 				more = vrsraq_n_s32(vld1q_s32(high + i * WIDTH + j), more, 8);
-				more = vmlaq_n_s32(more, all, HIGH_OFFSET);
 				vst1q_s64(o + j, vaddw_s32(vld1q_s64(o + j), vget_low_s32(more)));
 				vst1q_s64(o + j + 2, vaddw_high_s32(vld1q_s64(o + j + 2), more));
 			}

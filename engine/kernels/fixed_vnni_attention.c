@@ -16,6 +16,9 @@
 #define MIX_QUERIES  2
 #define MIX_GROUPS   4
 
+#define SCORE_STEP  16
+#define WEIGHT_STEP 64
+
 #include "kernels/fixed_avx512_softmax.inc.h"
 
 static inline __m512i broadcast(const void *four)
@@ -138,7 +141,44 @@ static void mix(const struct query *queries, const int8_t *v, size_t head_width,
 	}
 }
 
-#include "kernels/fixed_avx512_attend.inc.h"
+/* ---- softmax ---- */
+
+static int32_t largest_score(const struct query *query, size_t count)
+{
+	return _mm512_reduce_max_epi32(largest_lanes(query->scores, count));
+}
+
+static void weigh(struct query *query, size_t count)
+{
+	__m512i sums = weigh_scores(query, query->scores, query->high, query->low, count);
+
+	query->sum += _mm512_reduce_add_epi32(sums);
+}
+
+static void shrink(struct query *query, size_t head_width, int steps)
+{
+	query->sum = dvsm_fixed_round(query->sum, steps);
+	shrink_row(query->o, head_width, steps);
+}
+
+/* Places for the queries of a group in the caller's scratch. */
+static void place(const struct dvsm_fixed_attention *job, struct query queries[QUERIES])
+{
+	unsigned char *at = job->scratch;
+
+	for (int i = 0; i < QUERIES; i++) {
+		queries[i].scores = (int32_t *)at;
+		at += DVSM_FIXED_KEYS * sizeof(int32_t);
+		queries[i].high = at;
+		at += DVSM_FIXED_KEYS;
+		queries[i].low = at;
+		at += DVSM_FIXED_KEYS;
+		queries[i].o = (int32_t *)at;
+		at += job->head_width * sizeof(int32_t);
+	}
+}
+
+#include "kernels/fixed_group.inc.h"
 
 void dvsm_fixed_attention_vnni(const struct dvsm_fixed_attention *job)
 {

@@ -1,0 +1,332 @@
+/*
+ * Template: fixed-point attention of AMX, included by fixed_amx.c.
+ *
+ * Sixteen queries are the rows of a tile, a tile of keys for them an item. Its scores, weights and
+ * values together fit the first-level cache. The tiles multiply its values and the next item's
+ * scores one behind the other, while the sums of the values are added up.
+ */
+#define GROUPS (DVSM_FIXED_KEYS / TILE)  /* of keys, an item */
+#define BLOCKS (DVSM_FIXED_KEYS / DEPTH) /* of weights, an item */
+
+#define SCORE_STEP  (TILE * TILE)
+#define WEIGHT_STEP (TILE * DEPTH)
+
+#include "kernels/fixed_avx512_softmax.inc.h"
+
+/* Up to here the sums of weighted values fit 32 bits, and the sum of weights needs no shift. */
+#define MOST_KEYS 65536u
+
+/* A call: its queries, and what lies between the stages of an item. */
+struct state {
+	const struct dvsm_fixed_attention *job;
+	struct query queries[DVSM_FIXED_QUERIES];
+	size_t groups;       /* of queries, sixteen each */
+	size_t slices;       /* of the head, DEPTH each */
+	int8_t *q;           /* [groups][slices][TILE][DEPTH], 0 beyond the head */
+	int32_t *scores;     /* [GROUPS][TILE queries][TILE keys] */
+	uint8_t *high, *low; /* [BLOCKS][TILE queries][DEPTH keys], planes of the weights */
+	int32_t *sums;       /* [channels / TILE][2 planes][TILE queries][TILE channels] */
+};
+
+/* One item: the queries of a group, `count` keys from `key` on. */
+struct item {
+	size_t group, key, count;
+};
+
+/* Groups of queries pass by before the next keys come. */
+static inline struct item item_at(const struct state *state, size_t index)
+{
+	const size_t key = index / state->groups * DVSM_FIXED_KEYS;
+	const size_t left = state->job->keys - key;
+
+	return (struct item){
+		.group = index % state->groups,
+		.key = key,
+		.count = left < DVSM_FIXED_KEYS ? left : DVSM_FIXED_KEYS,
+	};
+}
+
+/* Keys with those that fill them up. */
+static inline size_t padded_count(const struct item *item)
+{
+	return dvsm_fixed_pad(item->count, DVSM_FIXED_KEY_PAD);
+}
+
+/* ---- scores ---- */
+
+/*
+ * A head of more than a slice is cut into whole ones; the last of them reaches back to numbers that
+ * the one before has, where its queries are 0. A shorter head makes the tiles smaller.
+ */
+static inline size_t slice_start(size_t head_width, size_t slice)
+{
+	if (head_width < DEPTH)
+		return 0;
+	return (slice + 1) * DEPTH <= head_width ? slice * DEPTH : head_width - DEPTH;
+}
+
+static struct amx_config attention_tiles(size_t head_width)
+{
+	struct amx_config config = amx_whole_tiles();
+
+	if (head_width < DEPTH) {
+		config.row_bytes[7] = (uint16_t)head_width;
+		config.rows[6] = (uint8_t)(head_width / 4);
+	}
+	return config;
+}
+
+/* Queries to whole tiles; where there are fewer, the last one fills up. */
+static void gather_queries(const struct state *state)
+{
+	const size_t width = state->job->head_width;
+	int8_t *to = state->q;
+
+	for (size_t group = 0; group < state->groups; group++) {
+		for (size_t slice = 0; slice < state->slices; slice++, to += TILE * DEPTH) {
+			const size_t start = slice_start(width, slice), done = slice * DEPTH;
+			const size_t bytes = width - done < DEPTH ? width - done : DEPTH;
+
+			memset(to, 0, (size_t)TILE * DEPTH);
+			for (size_t i = 0; i < TILE; i++)
+				memcpy(to + i * DEPTH + (done - start),
+				       state->queries[group * TILE + i].q + done, bytes);
+		}
+	}
+}
+
+/* Four groups of keys at a time. */
+static void score(const struct state *state, const struct item *item)
+{
+	const size_t width = state->job->head_width, group_bytes = TILE * width;
+	const int8_t *q = state->q + item->group * state->slices * TILE * DEPTH;
+	const int8_t *k = state->job->k + item->key * width;
+	int32_t *scores = state->scores;
+
+	for (size_t key = 0; key < padded_count(item); key += 4 * TILE) {
+		AMX_ZERO(0);
+		AMX_ZERO(1);
+		AMX_ZERO(2);
+		AMX_ZERO(3);
+		for (size_t slice = 0; slice < state->slices; slice++) {
+			const int8_t *from = k + key * width + slice_start(width, slice) * TILE;
+
+			AMX_LOAD(7, q + slice * TILE * DEPTH, DEPTH);
+			AMX_LOAD(6, from, 64);
+			AMX_DOT_SIGNED(0, 7, 6);
+			AMX_LOAD(6, from + group_bytes, 64);
+			AMX_DOT_SIGNED(1, 7, 6);
+			AMX_LOAD(6, from + 2 * group_bytes, 64);
+			AMX_DOT_SIGNED(2, 7, 6);
+			AMX_LOAD(6, from + 3 * group_bytes, 64);
+			AMX_DOT_SIGNED(3, 7, 6);
+		}
+		AMX_STORE(0, scores, 64);
+		AMX_STORE(1, scores + SCORE_STEP, 64);
+		AMX_STORE(2, scores + 2 * SCORE_STEP, 64);
+		AMX_STORE(3, scores + 3 * SCORE_STEP, 64);
+		scores += 4 * SCORE_STEP;
+	}
+}
+
+/* ---- softmax ---- */
+
+/* Sixteen rows, each to one number. */
+#define REDUCE_ROWS(name, op)                                                                      \
+	static inline __m512i name(const __m512i rows[TILE])                                       \
+	{                                                                                          \
+		__m512i pairs[8], fours[4], left, right;                                           \
+                                                                                                   \
+		DVSM_UNROLL                                                                        \
+		for (int i = 0; i < 8; i++)                                                        \
+			pairs[i] = op(_mm512_unpacklo_epi32(rows[2 * i], rows[2 * i + 1]),         \
+				      _mm512_unpackhi_epi32(rows[2 * i], rows[2 * i + 1]));        \
+		DVSM_UNROLL                                                                        \
+		for (int i = 0; i < 4; i++)                                                        \
+			fours[i] = op(_mm512_unpacklo_epi64(pairs[2 * i], pairs[2 * i + 1]),       \
+				      _mm512_unpackhi_epi64(pairs[2 * i], pairs[2 * i + 1]));      \
+		left = op(_mm512_shuffle_i32x4(fours[0], fours[1], 0x88),                          \
+			  _mm512_shuffle_i32x4(fours[0], fours[1], 0xdd));                         \
+		right = op(_mm512_shuffle_i32x4(fours[2], fours[3], 0x88),                         \
+			   _mm512_shuffle_i32x4(fours[2], fours[3], 0xdd));                        \
+		return op(_mm512_shuffle_i32x4(left, right, 0x88),                                 \
+			  _mm512_shuffle_i32x4(left, right, 0xdd));                                \
+	}
+
+REDUCE_ROWS(largest_in_rows, _mm512_max_epi32)
+REDUCE_ROWS(sum_of_rows, _mm512_add_epi32)
+
+/* The running maximum: where it rises, what was summed shrinks. */
+static void raise_tops(struct state *state, const struct item *item)
+{
+	struct query *queries = state->queries + item->group * TILE;
+	int32_t largest[TILE];
+	__m512i rows[TILE];
+
+	for (size_t i = 0; i < TILE; i++)
+		rows[i] = largest_lanes(state->scores + i * TILE, item->count);
+	_mm512_storeu_si512(largest, largest_in_rows(rows));
+	for (size_t i = 0; i < TILE; i++) {
+		struct query *query = &queries[i];
+
+		if (item->key == 0) {
+			query->top = largest[i];
+		} else if (largest[i] > query->top) {
+			int steps = dvsm_fixed_raise(query->scale, largest[i], &query->top);
+
+			query->sum = dvsm_fixed_round(query->sum, steps);
+			shrink_row(query->o, state->job->head_width, steps);
+		}
+	}
+}
+
+static void softmax(struct state *state, const struct item *item)
+{
+	struct query *queries = state->queries + item->group * TILE;
+	int32_t sums[TILE];
+	__m512i rows[TILE];
+
+	raise_tops(state, item);
+	for (size_t i = 0; i < TILE; i++)
+		rows[i] =
+			weigh_scores(&queries[i], state->scores + i * TILE, state->high + i * DEPTH,
+				     state->low + i * DEPTH, item->count);
+	_mm512_storeu_si512(sums, sum_of_rows(rows));
+	for (size_t i = 0; i < TILE; i++)
+		queries[i].sum += sums[i];
+}
+
+/* ---- values ---- */
+
+/* Both planes of the weights times two groups of channels at a time. Tiles 6 and 7 have the head's
+ * shape. */
+static void mix(const struct state *state, const struct item *item)
+{
+	const size_t width = state->job->head_width;
+	const int8_t *v = state->job->v + item->key * width;
+	int32_t *sums = state->sums;
+
+	for (size_t channel = 0; channel < width; channel += 2 * TILE) {
+		const bool two = channel + TILE < width;
+
+		AMX_ZERO(0);
+		AMX_ZERO(1);
+		AMX_ZERO(2);
+		AMX_ZERO(3);
+		for (size_t key = 0; key < item->count; key += DEPTH) {
+			const int8_t *from = v + key * width + 4 * channel;
+
+			AMX_LOAD(4, state->high + key * TILE, DEPTH);
+			AMX_LOAD(5, from, 4 * width);
+			AMX_DOT_UNSIGNED(0, 4, 5);
+			if (two) {
+				AMX_LOAD(5, from + 64, 4 * width);
+				AMX_DOT_UNSIGNED(2, 4, 5);
+			}
+			AMX_LOAD(4, state->low + key * TILE, DEPTH);
+			if (two) {
+				AMX_DOT_UNSIGNED(3, 4, 5);
+				AMX_LOAD(5, from, 4 * width);
+			}
+			AMX_DOT_UNSIGNED(1, 4, 5);
+		}
+		AMX_STORE(0, sums, 64);
+		AMX_STORE(1, sums + TILE * TILE, 64);
+		if (two) {
+			AMX_STORE(2, sums + 2 * TILE * TILE, 64);
+			AMX_STORE(3, sums + 3 * TILE * TILE, 64);
+		}
+		sums += 4 * TILE * TILE;
+	}
+}
+
+/* o += high + R(low, 8) */
+static void add_values(const struct state *state, const struct item *item)
+{
+	const size_t width = state->job->head_width;
+	const struct query *queries = state->queries + item->group * TILE;
+	const __m512i half = _mm512_set1_epi32(128);
+	const int32_t *sums = state->sums;
+
+	for (size_t channel = 0; channel < width; channel += TILE, sums += 2 * TILE * TILE) {
+		for (size_t i = 0; i < TILE; i++) {
+			int32_t *o = queries[i].o + channel;
+			__m512i high = _mm512_load_si512(sums + i * TILE);
+			__m512i low = _mm512_load_si512(sums + TILE * TILE + i * TILE);
+
+			low = _mm512_srai_epi32(_mm512_add_epi32(low, half), 8);
+			high = _mm512_add_epi32(high, _mm512_load_si512(o));
+			_mm512_store_si512(o, _mm512_add_epi32(high, low));
+		}
+	}
+}
+
+/* ---- the call ---- */
+
+static void *take(unsigned char **at, size_t bytes)
+{
+	void *taken = *at;
+
+	*at += bytes;
+	return taken;
+}
+
+/* Places in the caller's scratch. */
+static void place(struct state *state)
+{
+	const size_t width = state->job->head_width;
+	unsigned char *at = state->job->scratch;
+
+	state->high = take(&at, (size_t)BLOCKS * WEIGHT_STEP);
+	state->low = take(&at, (size_t)BLOCKS * WEIGHT_STEP);
+	state->scores = take(&at, GROUPS * SCORE_STEP * sizeof(int32_t));
+	state->slices = dvsm_fixed_pad(width, DEPTH) / DEPTH;
+	state->q = take(&at, DVSM_FIXED_QUERIES * state->slices * DEPTH);
+	state->sums = take(&at, 2 * TILE * width * sizeof(int32_t));
+	for (size_t i = 0; i < DVSM_FIXED_QUERIES; i++)
+		state->queries[i].o = take(&at, width * sizeof(int32_t));
+}
+
+static void attend(struct state *state)
+{
+	const struct amx_config config = attention_tiles(state->job->head_width);
+	const size_t tiles = (state->job->keys + DVSM_FIXED_KEYS - 1) / DVSM_FIXED_KEYS;
+	const size_t items = tiles * state->groups;
+	struct item item = item_at(state, 0);
+
+	amx_publish();
+	amx_open(&config);
+	score(state, &item);
+	for (size_t index = 1; index <= items; index++) {
+		const struct item next = item_at(state, index);
+
+		softmax(state, &item);
+		amx_publish();
+		mix(state, &item);
+		if (index < items)
+			score(state, &next);
+		add_values(state, &item);
+		item = next;
+	}
+	amx_close();
+}
+
+static void attention(const struct dvsm_fixed_attention *job)
+{
+	struct state state = {.job = job, .groups = (job->queries + TILE - 1) / TILE};
+
+	if (job->keys > MOST_KEYS) {
+		dvsm_fixed_kernels_scalar.attention(job);
+		return;
+	}
+	if (job->queries == 0)
+		return;
+	place(&state);
+	for (size_t i = 0; i < state.groups * TILE; i++)
+		start(job, i < job->queries ? i : job->queries - 1, &state.queries[i]);
+	gather_queries(&state);
+	if (job->keys > 0)
+		attend(&state);
+	for (size_t i = 0; i < job->queries; i++)
+		write_out(job, &state.queries[i], job->out + i * job->out_stride);
+}
