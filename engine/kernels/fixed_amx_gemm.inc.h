@@ -215,6 +215,10 @@ static void gemm(const struct dvsm_fixed_gemm *job)
 {
 	const struct amx_config config = amx_whole_tiles();
 	const bool adds = job->epilogue == DVSM_FIXED_ADD, gelu = job->epilogue == DVSM_FIXED_GELU;
+
+	amx_open(&config);
+	AMX_KEEP_AWAKE(0, 4, 5);
+
 	const struct product product = {
 		.job = job,
 		.how = requantise_prepare(job),
@@ -223,7 +227,6 @@ static void gemm(const struct dvsm_fixed_gemm *job)
 		.share = (BLOCK - LAST_ROWS) * DEPTH / (job->depth | 1) + 1,
 	};
 
-	amx_open(&config);
 	if (!product.how.narrow)
 		walk((struct finish){false, adds, gelu}, &product);
 	else if (adds)
