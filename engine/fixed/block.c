@@ -1,65 +1,122 @@
 #include "fixed/block.h"
 
-static void project_keys(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
-			 size_t tokens, int16_t *kv)
+static struct dvsm_fixed_product key_product(const struct dvsm_fixed_run *run,
+					     const struct dvsm_fixed_half *half, int16_t *kv)
 {
-	dvsm_fixed_step_product(run, run->work.a, tokens, &half->key_value, kv, DVSM_FIXED_STORE,
-				0);
-	dvsm_fixed_step_keys(run, half, kv, tokens);
+	return (struct dvsm_fixed_product){
+		.a = run->work.a,
+		.w = &half->key_value,
+		.c = kv,
+		.epilogue = DVSM_FIXED_STORE,
+		.then = {.what = DVSM_FIXED_KEYS_16, .half = half, .kv = kv},
+	};
 }
 
-/* x += Wo attention(q of what work.a holds, layer); x += down(GELU(up(LN(x)))). */
-static void attend_and_mix(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
-			   int32_t *x, size_t tokens, const struct dvsm_fixed_layer *layer)
+static struct dvsm_fixed_product query_product(const struct dvsm_fixed_run *run,
+					       const struct dvsm_fixed_half *half)
+{
+	return (struct dvsm_fixed_product){
+		.a = run->work.a,
+		.w = &half->query,
+		.c = run->work.wide,
+		.epilogue = DVSM_FIXED_STORE,
+	};
+}
+
+static struct dvsm_fixed_then norm_then(const int32_t *x, const struct dvsm_fixed_gain *gain)
+{
+	return (struct dvsm_fixed_then){
+		.what = gain ? DVSM_FIXED_NORM : DVSM_FIXED_NOTHING, .x = x, .gain = gain};
+}
+
+/* x += down(GELU(up(what work.a holds))) */
+static void run_mlp(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
+		    int32_t *x, size_t tokens, const struct dvsm_fixed_gain *next)
 {
 	const struct dvsm_fixed_workspace *work = &run->work;
-	const struct dvsm_model_config *config = run->config;
-	struct dvsm_fixed_slots slots = work->slots;
+	/* Rows of the hidden numbers are longer than those that the others still read. */
+	const struct dvsm_fixed_product up = {
+		.a = work->a,
+		.w = &half->up,
+		.c = work->wide,
+		.epilogue = DVSM_FIXED_GELU,
+		.fraction = half->hidden_fraction,
+		.then = {.what = DVSM_FIXED_QUANTISE,
+			 .wide = work->wide,
+			 .to = work->a_low,
+			 .dim = half->up.out,
+			 .fraction = half->hidden_fraction},
+	};
+	const struct dvsm_fixed_product down = {
+		.a = work->a_low,
+		.w = &half->down,
+		.c = x,
+		.epilogue = DVSM_FIXED_ADD,
+		.then = norm_then(x, next),
+	};
 
-	dvsm_fixed_slots_fill(run->model, half, config->dim, config->heads, layer->k_scale, &slots);
+	dvsm_fixed_step_products(run, tokens, &up, 1);
+	dvsm_fixed_step_products(run, tokens, &down, 1);
+}
 
-	dvsm_fixed_step_product(run, work->a, tokens, &half->query, work->wide, DVSM_FIXED_STORE,
-				0);
-	dvsm_fixed_step_queries(run, work->wide, tokens, &slots);
-	dvsm_fixed_step_attention(run, tokens, layer);
-	dvsm_fixed_step_quantise(run, work->mixed, tokens, config->dim, half->mixed_fraction);
-	dvsm_fixed_step_product(run, work->a, tokens, &half->out, x, DVSM_FIXED_ADD, 0);
+/* x += Wo attention(queries in work.wide, layer); then the MLP. */
+static void attend_and_mix(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
+			   int32_t *x, size_t tokens, const struct dvsm_fixed_layer *layer,
+			   const struct dvsm_fixed_gain *next)
+{
+	const struct dvsm_fixed_workspace *work = &run->work;
+	const struct dvsm_fixed_then quantise = {
+		.what = DVSM_FIXED_QUANTISE,
+		.wide = work->mixed,
+		.to = work->a,
+		.dim = run->config->dim,
+		.fraction = half->mixed_fraction,
+	};
+	const struct dvsm_fixed_product out = {
+		.a = work->a,
+		.w = &half->out,
+		.c = x,
+		.epilogue = DVSM_FIXED_ADD,
+		.then = norm_then(x, &half->mlp_norm),
+	};
 
-	dvsm_fixed_step_norm(run, x, tokens, &half->mlp_norm, false);
-	dvsm_fixed_step_product(run, work->a, tokens, &half->up, work->wide, DVSM_FIXED_GELU,
-				half->hidden_fraction);
-	dvsm_fixed_step_quantise(run, work->wide, tokens, half->up.out, half->hidden_fraction);
-	dvsm_fixed_step_product(run, work->a, tokens, &half->down, x, DVSM_FIXED_ADD, 0);
+	dvsm_fixed_step_attention(run, half, work->wide, tokens, layer, quantise);
+	dvsm_fixed_step_products(run, tokens, &out, 1);
+	run_mlp(run, half, x, tokens, next);
 }
 
 void dvsm_fixed_block_intra(const struct dvsm_fixed_run *run, uint32_t layer, int32_t *x,
 			    size_t tokens, int16_t *kv)
 {
-	const struct dvsm_fixed_half *half = &run->model->blocks[layer].intra;
+	const struct dvsm_fixed_block *block = &run->model->blocks[layer];
+	const struct dvsm_fixed_half *half = &block->intra;
+	const struct dvsm_fixed_product products[2] = {key_product(run, half, kv),
+						       query_product(run, half)};
 	struct dvsm_fixed_layer own = run->work.own;
 
 	own.tokens = tokens;
 	own.padded = dvsm_fixed_pad(tokens, DVSM_FIXED_KEY_PAD);
-	dvsm_fixed_step_norm(run, x, tokens, &half->norm, false);
-	project_keys(run, half, tokens, kv);
+	dvsm_fixed_step_products(run, tokens, products, 2);
 	dvsm_fixed_step_pack(run, half, kv, &own);
-	attend_and_mix(run, half, x, tokens, &own);
+	attend_and_mix(run, half, x, tokens, &own, &block->cross.norm);
 }
 
-void dvsm_fixed_block_cross_keys(const struct dvsm_fixed_run *run, uint32_t layer, const int32_t *x,
-				 size_t tokens, int16_t *kv)
+void dvsm_fixed_block_cross_keys(const struct dvsm_fixed_run *run, uint32_t layer, size_t tokens,
+				 int16_t *kv)
 {
-	const struct dvsm_fixed_half *half = &run->model->blocks[layer].cross;
+	const struct dvsm_fixed_product product =
+		key_product(run, &run->model->blocks[layer].cross, kv);
 
-	dvsm_fixed_step_norm(run, x, tokens, &half->norm, false);
-	project_keys(run, half, tokens, kv);
+	dvsm_fixed_step_products(run, tokens, &product, 1);
 }
 
 void dvsm_fixed_block_cross(const struct dvsm_fixed_run *run, uint32_t layer, int32_t *x,
-			    size_t tokens, const struct dvsm_fixed_layer *cache)
+			    size_t tokens, const struct dvsm_fixed_layer *cache,
+			    const struct dvsm_fixed_gain *next)
 {
 	const struct dvsm_fixed_half *half = &run->model->blocks[layer].cross;
+	const struct dvsm_fixed_product product = query_product(run, half);
 
-	dvsm_fixed_step_norm(run, x, tokens, &half->norm, false);
-	attend_and_mix(run, half, x, tokens, cache);
+	dvsm_fixed_step_products(run, tokens, &product, 1);
+	attend_and_mix(run, half, x, tokens, cache, next);
 }

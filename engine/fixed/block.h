@@ -5,7 +5,8 @@
 #include "fixed/run.h"
 
 /**
- * Attention within one view, and the MLP behind it.
+ * Attention within one view, and the MLP behind it. work.a holds the norm of x before attention,
+ * and afterwards that of the cross half.
  *
  * x    [tokens][D] the view's residual stream
  * kv   [tokens][2D], written over
@@ -13,12 +14,18 @@
 void dvsm_fixed_block_intra(const struct dvsm_fixed_run *run, uint32_t layer, int32_t *x,
 			    size_t tokens, int16_t *kv);
 
-/** Cross-view keys and values of one view, normalised and in 16 bits, to kv[tokens][2D]. */
-void dvsm_fixed_block_cross_keys(const struct dvsm_fixed_run *run, uint32_t layer, const int32_t *x,
-				 size_t tokens, int16_t *kv);
+/** Cross-view keys and values of the view whose norm work.a holds, normalised and in 16 bits, to
+ * kv[tokens][2D]. */
+void dvsm_fixed_block_cross_keys(const struct dvsm_fixed_run *run, uint32_t layer, size_t tokens,
+				 int16_t *kv);
 
-/** Attention to a layer of context tokens, and the MLP behind it. */
+/**
+ * Attention to a layer of context tokens, and the MLP behind it. work.a holds the norm of x.
+ *
+ * next   norm of x that work.a is to hold afterwards, or NULL
+ */
 void dvsm_fixed_block_cross(const struct dvsm_fixed_run *run, uint32_t layer, int32_t *x,
-			    size_t tokens, const struct dvsm_fixed_layer *cache);
+			    size_t tokens, const struct dvsm_fixed_layer *cache,
+			    const struct dvsm_fixed_gain *next);
 
 #endif

@@ -12,13 +12,6 @@ void dvsm_fixed_layer_place(struct dvsm_arena *arena, size_t dim, struct dvsm_fi
 	layer->v_mean = dvsm_arena_take(arena, dim, sizeof(*layer->v_mean));
 }
 
-void dvsm_fixed_slots_place(struct dvsm_arena *arena, size_t dim, size_t heads,
-			    struct dvsm_fixed_slots *slots)
-{
-	slots->gains = dvsm_arena_take(arena, heads, sizeof(*slots->gains));
-	slots->numbers = dvsm_arena_take(arena, dim, sizeof(*slots->numbers));
-}
-
 void dvsm_fixed_layer_scale(const struct dvsm_fixed_half *half, size_t dim,
 			    const struct dvsm_fixed_range *ranges, struct dvsm_fixed_layer *layer,
 			    struct dvsm_fixed_channel *channels)

@@ -35,8 +35,6 @@ static inline size_t dvsm_fixed_head_bytes(size_t padded, size_t dim, size_t hea
 
 /** Place (or measure) a layer's small arrays; keys and values are the caller's. */
 void dvsm_fixed_layer_place(struct dvsm_arena *arena, size_t dim, struct dvsm_fixed_layer *layer);
-void dvsm_fixed_slots_place(struct dvsm_arena *arena, size_t dim, size_t heads,
-			    struct dvsm_fixed_slots *slots);
 
 /**
  * From the ranges of all keys and values of a layer to how they are packed.

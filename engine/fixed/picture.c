@@ -107,11 +107,14 @@ static void add_planes(const struct dvsm_fixed_run *run, size_t tokens,
 		       const struct dvsm_fixed_matrix *w)
 {
 	const struct dvsm_fixed_workspace *work = &run->work;
+	struct dvsm_fixed_product product = {
+		.a = work->a_low, .w = w, .c = work->sums, .epilogue = DVSM_FIXED_ADD};
 
-	dvsm_fixed_step_product(run, work->a_low, tokens, w, work->sums, DVSM_FIXED_ADD, 0);
+	dvsm_fixed_step_products(run, tokens, &product, 1);
 	for (size_t i = 0; i < tokens; i++)
 		work->a_scale[i] = dvsm_fixed_shift(work->a_scale[i], 8);
-	dvsm_fixed_step_product(run, work->a, tokens, w, work->sums, DVSM_FIXED_ADD, 0);
+	product.a = work->a;
+	dvsm_fixed_step_products(run, tokens, &product, 1);
 }
 
 /* x = (256 high + low) scale. */

@@ -16,17 +16,42 @@ struct dvsm_fixed_workspace {
 	int16_t *wide;                       /* [N][max(hidden, D)] queries; hidden numbers */
 	int16_t *mixed;                      /* [N][D] attention's output */
 	int16_t *kv;                         /* [tokens][2D] keys and values before packing */
-	int8_t *q;                           /* [N][h][head_width] */
-	struct dvsm_fixed_scale *q_scale;    /* [N][h] */
-	struct dvsm_fixed_range *ranges;     /* [2D] */
-	struct dvsm_fixed_channel *channels; /* [2D] */
+	struct dvsm_fixed_range *ranges;     /* [h][2][D/h] of keys and values */
+	struct dvsm_fixed_channel *channels; /* likewise */
 	struct dvsm_fixed_layer own;         /* of the view at hand */
-	struct dvsm_fixed_slots slots;
-	float *patches;         /* [N][6qq] rays, or colours */
+	_Atomic uint32_t *left;              /* [N / rows of a task] tasks that rows wait for */
+	float *patches;                      /* [N][6qq] rays, or colours */
 	int32_t *sums;          /* [N][max(3qq, D)] embedding before its norm; picture */
 	unsigned char *scratch; /* [threads][scratch_stride] */
 	size_t scratch_stride;
 };
+
+/** Rows of a task of a product or of attention. */
+#define DVSM_FIXED_TASK_ROWS 64u
+
+/** What attention to one head needs of a thread's scratch. */
+struct dvsm_fixed_head_scratch {
+	int8_t *q;                        /* [DVSM_FIXED_TASK_ROWS][head_width] */
+	struct dvsm_fixed_scale *q_scale; /* [DVSM_FIXED_TASK_ROWS] */
+	int16_t *gains;                   /* [head_width] */
+	void *rest;                       /* the kernel's */
+	size_t bytes;                     /* of everything */
+};
+
+/** Place (or, without a base, measure) it. */
+static inline struct dvsm_fixed_head_scratch dvsm_fixed_head_scratch_place(void *base,
+									   size_t head_width)
+{
+	struct dvsm_arena arena = {.base = base};
+	struct dvsm_fixed_head_scratch made;
+
+	made.q = dvsm_arena_take(&arena, DVSM_FIXED_TASK_ROWS, head_width);
+	made.q_scale = dvsm_arena_take(&arena, DVSM_FIXED_TASK_ROWS, sizeof(*made.q_scale));
+	made.gains = dvsm_arena_take(&arena, head_width, sizeof(*made.gains));
+	made.rest = dvsm_arena_take(&arena, dvsm_fixed_attention_scratch(head_width), 1);
+	made.bytes = arena.used;
+	return made;
+}
 
 /** Everything a step needs; borrowed for one reconstruction or rendering. */
 struct dvsm_fixed_run {
@@ -49,33 +74,54 @@ static inline void *dvsm_fixed_scratch(const struct dvsm_fixed_run *run, uint32_
 	return run->work.scratch + worker * run->work.scratch_stride;
 }
 
+/*
+ * Steps. Each is one job of the pool; `then` is what is done to rows as soon as the job is done
+ * with them, by the thread that did the last of it.
+ */
+
+/** The step behind a job's rows. */
+struct dvsm_fixed_then {
+	enum {
+		DVSM_FIXED_NOTHING,
+		DVSM_FIXED_NORM,     /* work.a = LN(x) with gain */
+		DVSM_FIXED_KEYS_16,  /* QK-norm of the keys of kv[rows][2D] in place */
+		DVSM_FIXED_QUANTISE, /* to = wide, `dim` numbers a row in units of 2^-fraction */
+	} what;
+	const int32_t *x;
+	const struct dvsm_fixed_gain *gain;
+	const struct dvsm_fixed_half *half;
+	int16_t *kv;
+	const int16_t *wide;
+	int8_t *to;
+	size_t dim;
+	int fraction;
+};
+
 /** work.a = LN(x[rows][D]) in int8, in two planes when fine. */
 void dvsm_fixed_step_norm(const struct dvsm_fixed_run *run, const int32_t *x, size_t rows,
 			  const struct dvsm_fixed_gain *gain, bool fine);
 
-/** work.a = x[rows][dim] in int8, rows without gap, in units of 2^-fraction. */
-void dvsm_fixed_step_quantise(const struct dvsm_fixed_run *run, const int16_t *x, size_t rows,
-			      size_t dim, int fraction);
+/** A product: c[rows][W.out] = epilogue(a[rows] W^T), rows of c without gap. */
+struct dvsm_fixed_product {
+	const int8_t *a;
+	const struct dvsm_fixed_matrix *w;
+	void *c;
+	enum dvsm_fixed_epilogue epilogue;
+	int fraction;
+	struct dvsm_fixed_then then;
+};
 
-/** c[rows][W.out] = epilogue(a[rows] W^T), rows of c without gap. */
-void dvsm_fixed_step_product(const struct dvsm_fixed_run *run, const int8_t *a, size_t rows,
-			     const struct dvsm_fixed_matrix *w, void *c,
-			     enum dvsm_fixed_epilogue epilogue, int fraction);
-
-/** work.q from 16-bit queries u[rows][D]. */
-void dvsm_fixed_step_queries(const struct dvsm_fixed_run *run, const int16_t *u, size_t rows,
-			     const struct dvsm_fixed_slots *slots);
-
-/** QK-norm of the keys of kv[rows][2D] in place. */
-void dvsm_fixed_step_keys(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
-			  int16_t *kv, size_t rows);
+/** Up to two products of as many rows; only the first may have something behind it. */
+void dvsm_fixed_step_products(const struct dvsm_fixed_run *run, size_t rows,
+			      const struct dvsm_fixed_product *products, size_t count);
 
 /** Pack kv[layer->tokens][2D] into the layer, with scales over all of its tokens. */
 void dvsm_fixed_step_pack(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
 			  const int16_t *kv, struct dvsm_fixed_layer *layer);
 
-/** work.mixed[rows][D] = attention of work.q to a layer. */
-void dvsm_fixed_step_attention(const struct dvsm_fixed_run *run, size_t rows,
-			       const struct dvsm_fixed_layer *layer);
+/** work.mixed[rows][D] = attention of the 16-bit queries u[rows][D] to a layer. */
+void dvsm_fixed_step_attention(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
+			       const int16_t *u, size_t rows, const struct dvsm_fixed_layer *layer,
+			       struct dvsm_fixed_then then);
 
 #endif

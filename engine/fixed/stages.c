@@ -27,7 +27,7 @@ static void embed_views(const struct dvsm_fixed_run *run, const struct dvsm_scen
  */
 static void run_block(const struct dvsm_fixed_run *run, struct dvsm_scene *scene, uint32_t layer)
 {
-	const struct dvsm_fixed_half *half = &run->model->blocks[layer].cross;
+	const struct dvsm_fixed_block *block = &run->model->blocks[layer];
 	const size_t dim = scene->dim;
 	struct dvsm_fixed_layer cache = dvsm_fixed_cache_layer(&scene->fixed, layer);
 
@@ -35,16 +35,20 @@ static void run_block(const struct dvsm_fixed_run *run, struct dvsm_scene *scene
 		size_t first = scene->first_token[v], tokens = scene->first_token[v + 1] - first;
 		int16_t *kv = run->work.kv + first * 2 * dim;
 
+		dvsm_fixed_step_norm(run, run->work.x + first * dim, tokens, &block->intra.norm,
+				     false);
 		dvsm_fixed_block_intra(run, layer, run->work.x + first * dim, tokens, kv);
-		dvsm_fixed_block_cross_keys(run, layer, run->work.x + first * dim, tokens, kv);
+		dvsm_fixed_block_cross_keys(run, layer, tokens, kv);
 	}
-	dvsm_fixed_step_pack(run, half, run->work.kv, &cache);
+	dvsm_fixed_step_pack(run, &block->cross, run->work.kv, &cache);
 	if (layer + 1 == scene->layers)
 		return;
 	for (uint32_t v = 0; v < scene->views; v++) {
 		size_t first = scene->first_token[v], tokens = scene->first_token[v + 1] - first;
 
-		dvsm_fixed_block_cross(run, layer, run->work.x + first * dim, tokens, &cache);
+		dvsm_fixed_step_norm(run, run->work.x + first * dim, tokens, &block->cross.norm,
+				     false);
+		dvsm_fixed_block_cross(run, layer, run->work.x + first * dim, tokens, &cache, NULL);
 	}
 }
 
@@ -73,11 +77,15 @@ void dvsm_fixed_render(const struct dvsm_fixed_run *run, const struct dvsm_scene
 		dvsm_ray_map_prepare(camera, &scene->normalisation, config->patch_px, patch_px);
 
 	dvsm_fixed_picture_embed(run, &map, plan, NULL, run->work.x);
+	dvsm_fixed_step_norm(run, run->work.x, tokens, &run->model->blocks[0].intra.norm, false);
 	for (uint32_t layer = 0; layer < config->layers; layer++) {
 		struct dvsm_fixed_layer cache = dvsm_fixed_cache_layer(&scene->fixed, layer);
+		const struct dvsm_fixed_block *next =
+			layer + 1 < config->layers ? &run->model->blocks[layer + 1] : NULL;
 
 		dvsm_fixed_block_intra(run, layer, run->work.x, tokens, run->work.kv);
-		dvsm_fixed_block_cross(run, layer, run->work.x, tokens, &cache);
+		dvsm_fixed_block_cross(run, layer, run->work.x, tokens, &cache,
+				       next ? &next->intra.norm : NULL);
 	}
 	dvsm_fixed_picture_write(run, plan, run->work.x, out);
 }

@@ -5,12 +5,12 @@
 /* Tokens that make a task where the work on each is small. */
 #define ROWS_PER_TASK 16u
 
-/* A task of a product: 64 rows of A stay in the first-level cache while the columns pass by. */
-#define PRODUCT_ROWS 64u
-#define PRODUCT_COLS 128u
+/* A task of a product or of attention: 64 rows of A stay in the first-level cache while the columns
+ * pass by. */
+#define TASK_ROWS DVSM_FIXED_TASK_ROWS
+#define TASK_COLS 128u
 
-/* Channels that make a task of finding ranges. */
-#define RANGE_CHANNELS 64u
+_Static_assert(TASK_ROWS <= DVSM_FIXED_QUERIES, "attention takes the rows of a task at once");
 
 static size_t tiles(size_t count, size_t size)
 {
@@ -24,312 +24,330 @@ static size_t tile_length(size_t count, size_t size, size_t index)
 	return left < size ? left : size;
 }
 
-/* ---- norms and quantisation ---- */
+/* ---- norms and quantisation of some rows ---- */
 
-struct rows_job {
+static void norm_rows(const struct dvsm_fixed_run *run, const int32_t *x,
+		      const struct dvsm_fixed_gain *gain, bool fine, size_t row, size_t rows)
+{
+	const struct dvsm_fixed_workspace *work = &run->work;
+	const size_t dim = run->config->dim, depth = dvsm_fixed_pad(dim, DVSM_FIXED_DEPTH);
+	struct dvsm_fixed_norm norm = {
+		.x = x + row * dim,
+		.rows = rows,
+		.dim = dim,
+		.gain = *gain,
+		.fine = fine,
+		.high = work->a + row * depth,
+		.low = work->a_low + row * depth,
+		.out_stride = depth,
+		.a_scale = work->a_scale + row,
+	};
+
+	run->kernels->norm(&norm);
+}
+
+static void quantise_rows(const struct dvsm_fixed_run *run, const struct dvsm_fixed_then *then,
+			  size_t row, size_t rows)
+{
+	const size_t depth = dvsm_fixed_pad(then->dim, DVSM_FIXED_DEPTH);
+	struct dvsm_fixed_quantise quantise = {
+		.x = then->wide + row * then->dim,
+		.x_stride = then->dim,
+		.rows = rows,
+		.dim = then->dim,
+		.fraction = then->fraction,
+		.a = then->to + row * depth,
+		.a_stride = depth,
+		.a_scale = run->work.a_scale + row,
+	};
+
+	run->kernels->quantise(&quantise);
+}
+
+static void key_rows(const struct dvsm_fixed_run *run, const struct dvsm_fixed_then *then,
+		     size_t row, size_t rows)
+{
+	const struct dvsm_model_config *config = run->config;
+	const size_t stride = 2 * (size_t)config->dim, dim = config->dim / config->heads;
+
+	for (size_t h = 0; h < config->heads; h++) {
+		int16_t *at = then->kv + row * stride + h * dim;
+		struct dvsm_fixed_keys keys = {
+			.u = at,
+			.u_stride = stride,
+			.rows = rows,
+			.dim = dim,
+			.epsilon = then->half->key_epsilon[h],
+			.root = run->model->root_head,
+			.fraction = run->model->key_fraction,
+			.n = at,
+			.n_stride = stride,
+		};
+
+		run->kernels->keys(&keys);
+	}
+}
+
+/* ---- what is done behind rows ---- */
+
+static void expect(const struct dvsm_fixed_run *run, const struct dvsm_fixed_then *then,
+		   size_t row_tiles, size_t tasks)
+{
+	for (size_t i = 0; then->what != DVSM_FIXED_NOTHING && i < row_tiles; i++)
+		atomic_store_explicit(&run->work.left[i], (uint32_t)tasks, memory_order_relaxed);
+}
+
+/* A task is done with its rows: the last of them goes on. */
+static void arrive(const struct dvsm_fixed_run *run, const struct dvsm_fixed_then *then,
+		   size_t row_tile, size_t rows)
+{
+	const size_t row = row_tile * TASK_ROWS;
+
+	if (then->what == DVSM_FIXED_NOTHING ||
+	    atomic_fetch_sub_explicit(&run->work.left[row_tile], 1, memory_order_acq_rel) > 1)
+		return;
+	if (then->what == DVSM_FIXED_NORM)
+		norm_rows(run, then->x, then->gain, false, row, rows);
+	else if (then->what == DVSM_FIXED_KEYS_16)
+		key_rows(run, then, row, rows);
+	else
+		quantise_rows(run, then, row, rows);
+}
+
+/* ---- norms ---- */
+
+struct norm_job {
 	const struct dvsm_fixed_run *run;
 	const int32_t *x;
-	const int16_t *narrow;
 	const struct dvsm_fixed_gain *gain;
 	bool fine;
-	size_t rows, dim, depth;
-	int fraction;
+	size_t rows;
 };
 
 static void norm_task(void *context, size_t index, uint32_t worker)
 {
-	const struct rows_job *job = context;
-	const struct dvsm_fixed_workspace *work = &job->run->work;
-	size_t row = index * ROWS_PER_TASK;
-	struct dvsm_fixed_norm norm = {
-		.x = job->x + row * job->dim,
-		.rows = tile_length(job->rows, ROWS_PER_TASK, index),
-		.dim = job->dim,
-		.gain = *job->gain,
-		.fine = job->fine,
-		.high = work->a + row * job->depth,
-		.low = work->a_low + row * job->depth,
-		.out_stride = job->depth,
-		.a_scale = work->a_scale + row,
-	};
+	const struct norm_job *job = context;
 
 	(void)worker;
-	job->run->kernels->norm(&norm);
+	norm_rows(job->run, job->x, job->gain, job->fine, index * ROWS_PER_TASK,
+		  tile_length(job->rows, ROWS_PER_TASK, index));
 }
 
 void dvsm_fixed_step_norm(const struct dvsm_fixed_run *run, const int32_t *x, size_t rows,
 			  const struct dvsm_fixed_gain *gain, bool fine)
 {
-	struct rows_job job = {
-		.run = run,
-		.x = x,
-		.gain = gain,
-		.fine = fine,
-		.rows = rows,
-		.dim = run->config->dim,
-		.depth = dvsm_fixed_pad(run->config->dim, DVSM_FIXED_DEPTH),
-	};
+	struct norm_job job = {run, x, gain, fine, rows};
 
 	dvsm_pool_run(run->pool, tiles(rows, ROWS_PER_TASK), norm_task, &job);
-}
-
-static void quantise_task(void *context, size_t index, uint32_t worker)
-{
-	const struct rows_job *job = context;
-	const struct dvsm_fixed_workspace *work = &job->run->work;
-	size_t row = index * ROWS_PER_TASK;
-	struct dvsm_fixed_quantise quantise = {
-		.x = job->narrow + row * job->dim,
-		.x_stride = job->dim,
-		.rows = tile_length(job->rows, ROWS_PER_TASK, index),
-		.dim = job->dim,
-		.fraction = job->fraction,
-		.a = work->a + row * job->depth,
-		.a_stride = job->depth,
-		.a_scale = work->a_scale + row,
-	};
-
-	(void)worker;
-	job->run->kernels->quantise(&quantise);
-}
-
-void dvsm_fixed_step_quantise(const struct dvsm_fixed_run *run, const int16_t *x, size_t rows,
-			      size_t dim, int fraction)
-{
-	struct rows_job job = {
-		.run = run,
-		.narrow = x,
-		.rows = rows,
-		.dim = dim,
-		.depth = dvsm_fixed_pad(dim, DVSM_FIXED_DEPTH),
-		.fraction = fraction,
-	};
-
-	dvsm_pool_run(run->pool, tiles(rows, ROWS_PER_TASK), quantise_task, &job);
 }
 
 /* ---- products ---- */
 
 struct product_job {
 	const struct dvsm_fixed_run *run;
-	const int8_t *a;
-	size_t rows;
-	const struct dvsm_fixed_matrix *w;
-	unsigned char *c;
-	enum dvsm_fixed_epilogue epilogue;
-	int fraction;
+	const struct dvsm_fixed_product *products;
+	size_t rows, row_tiles;
+	size_t first_tasks; /* of the first product */
 };
 
 static void product_task(void *context, size_t index, uint32_t worker)
 {
 	const struct product_job *job = context;
-	const struct dvsm_fixed_matrix *w = job->w;
-	size_t row_tiles = tiles(job->rows, PRODUCT_ROWS);
-	size_t row = index % row_tiles * PRODUCT_ROWS, col = index / row_tiles * PRODUCT_COLS;
-	size_t number = job->epilogue == DVSM_FIXED_ADD ? sizeof(int32_t) : sizeof(int16_t);
+	const bool second = index >= job->first_tasks;
+	const struct dvsm_fixed_product *product = &job->products[second];
+	const struct dvsm_fixed_matrix *w = product->w;
+	const size_t at = second ? index - job->first_tasks : index;
+	const size_t row_tile = at % job->row_tiles, col_tile = at / job->row_tiles;
+	const size_t row = row_tile * TASK_ROWS, col = col_tile * TASK_COLS;
+	const size_t number =
+		product->epilogue == DVSM_FIXED_ADD ? sizeof(int32_t) : sizeof(int16_t);
 	struct dvsm_fixed_gemm gemm = {
-		.a = job->a + row * w->depth,
+		.a = product->a + row * w->depth,
 		.a_stride = w->depth,
 		.a_scale = job->run->work.a_scale + row,
-		.rows = tile_length(job->rows, PRODUCT_ROWS, index % row_tiles),
+		.rows = tile_length(job->rows, TASK_ROWS, row_tile),
 		.depth = w->depth,
 		.panels = w->panels + col * w->depth,
 		.w_sum = w->sums + col,
 		.w_mantissa = w->mantissas + col,
 		.w_shift = w->shifts + col,
-		.cols = tile_length(w->out, PRODUCT_COLS, index / row_tiles),
-		.c = job->c + (row * w->out + col) * number,
+		.cols = tile_length(w->out, TASK_COLS, col_tile),
+		.c = (unsigned char *)product->c + (row * w->out + col) * number,
 		.c_stride = w->out,
-		.epilogue = job->epilogue,
-		.fraction = job->fraction,
+		.epilogue = product->epilogue,
+		.fraction = product->fraction,
 	};
 
 	(void)worker;
 	job->run->kernels->gemm(&gemm);
+	arrive(job->run, &product->then, row_tile, gemm.rows);
 }
 
-void dvsm_fixed_step_product(const struct dvsm_fixed_run *run, const int8_t *a, size_t rows,
-			     const struct dvsm_fixed_matrix *w, void *c,
-			     enum dvsm_fixed_epilogue epilogue, int fraction)
+void dvsm_fixed_step_products(const struct dvsm_fixed_run *run, size_t rows,
+			      const struct dvsm_fixed_product *products, size_t count)
 {
-	struct product_job job = {run, a, rows, w, c, epilogue, fraction};
+	struct product_job job = {.run = run,
+				  .products = products,
+				  .rows = rows,
+				  .row_tiles = tiles(rows, TASK_ROWS)};
+	const size_t col_tiles = tiles(products[0].w->out, TASK_COLS);
+	size_t tasks;
 
-	dvsm_pool_run(run->pool, tiles(rows, PRODUCT_ROWS) * tiles(w->out, PRODUCT_COLS),
-		      product_task, &job);
+	job.first_tasks = job.row_tiles * col_tiles;
+	tasks = job.first_tasks;
+	if (count > 1)
+		tasks += job.row_tiles * tiles(products[1].w->out, TASK_COLS);
+	expect(run, &products[0].then, job.row_tiles, col_tiles);
+	dvsm_pool_run(run->pool, tasks, product_task, &job);
 }
 
-/* ---- queries, keys and values ---- */
+/* ---- keys and values ---- */
 
-struct heads_job {
+struct pack_job {
 	const struct dvsm_fixed_run *run;
 	const struct dvsm_fixed_half *half;
-	const int16_t *u;
-	int16_t *kv;
-	size_t rows;
-	const struct dvsm_fixed_slots *slots;
+	const int16_t *kv;
 	const struct dvsm_fixed_layer *layer;
 };
 
-static void queries_task(void *context, size_t index, uint32_t worker)
+/* Ranges of a head's keys and values, and how they are packed. */
+static void scale_head(const struct pack_job *job, size_t head, size_t dim)
 {
-	const struct heads_job *job = context;
-	const struct dvsm_model_config *config = job->run->config;
-	size_t width = dvsm_fixed_pad(config->dim / config->heads, DVSM_FIXED_HEAD);
-	size_t row = index * ROWS_PER_TASK;
-	struct dvsm_fixed_queries queries = {
-		.u = job->u + row * config->dim,
-		.u_stride = config->dim,
-		.rows = tile_length(job->rows, ROWS_PER_TASK, index),
-		.heads = config->heads,
-		.dim = config->dim / config->heads,
-		.head_width = width,
-		.gains = job->slots->gains,
-		.q = job->run->work.q + row * config->heads * width,
-		.q_scale = job->run->work.q_scale + row * config->heads,
-	};
+	const struct dvsm_fixed_run *run = job->run;
+	const size_t first = head * dim, stride = 2 * (size_t)run->config->dim;
+	struct dvsm_fixed_range *ranges = run->work.ranges + 2 * first;
+	struct dvsm_fixed_half half = *job->half;
+	struct dvsm_fixed_layer layer = *job->layer;
 
-	(void)worker;
-	job->run->kernels->queries(&queries);
-}
-
-void dvsm_fixed_step_queries(const struct dvsm_fixed_run *run, const int16_t *u, size_t rows,
-			     const struct dvsm_fixed_slots *slots)
-{
-	struct heads_job job = {.run = run, .u = u, .rows = rows, .slots = slots};
-
-	dvsm_pool_run(run->pool, tiles(rows, ROWS_PER_TASK), queries_task, &job);
-}
-
-static void keys_task(void *context, size_t index, uint32_t worker)
-{
-	const struct heads_job *job = context;
-	const struct dvsm_model_config *config = job->run->config;
-	size_t stride = 2 * (size_t)config->dim, dim = config->dim / config->heads;
-
-	(void)worker;
-	for (size_t h = 0; h < config->heads; h++) {
-		int16_t *at = job->kv + index * ROWS_PER_TASK * stride + h * dim;
-		struct dvsm_fixed_keys keys = {
-			.u = at,
-			.u_stride = stride,
-			.rows = tile_length(job->rows, ROWS_PER_TASK, index),
-			.dim = dim,
-			.epsilon = job->half->key_epsilon[h],
-			.root = job->run->model->root_head,
-			.fraction = job->run->model->key_fraction,
-			.n = at,
-			.n_stride = stride,
-		};
-
-		job->run->kernels->keys(&keys);
-	}
-}
-
-void dvsm_fixed_step_keys(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
-			  int16_t *kv, size_t rows)
-{
-	struct heads_job job = {.run = run, .half = half, .kv = kv, .rows = rows};
-
-	dvsm_pool_run(run->pool, tiles(rows, ROWS_PER_TASK), keys_task, &job);
-}
-
-/* Threads share the channels, not the rows: nothing is left to be put together. */
-static void range_task(void *context, size_t index, uint32_t worker)
-{
-	const struct heads_job *job = context;
-	const size_t width = 2 * (size_t)job->run->config->dim, first = index * RANGE_CHANNELS;
-	size_t count = tile_length(width, RANGE_CHANNELS, index);
-	struct dvsm_fixed_range *ranges = job->run->work.ranges + first;
-
-	(void)worker;
-	for (size_t d = 0; d < count; d++)
+	for (size_t d = 0; d < 2 * dim; d++)
 		ranges[d] = (struct dvsm_fixed_range){0, INT16_MAX, INT16_MIN};
-	job->run->kernels->range(job->u + first, width, job->rows, count, ranges);
+	run->kernels->range(job->kv + first, stride, layer.tokens, dim, ranges);
+	run->kernels->range(job->kv + run->config->dim + first, stride, layer.tokens, dim,
+			    ranges + dim);
+	half.value_fraction += first;
+	layer.k_scale += first;
+	layer.v_scale += first;
+	layer.v_mean += first;
+	dvsm_fixed_layer_scale(&half, dim, ranges, &layer, run->work.channels + 2 * first);
 }
 
-static void pack_task(void *context, size_t index, uint32_t worker)
+/* One head from its ranges to its packed keys and values: nothing is left to be put together. */
+static void pack_task(void *context, size_t head, uint32_t worker)
 {
-	const struct heads_job *job = context;
+	const struct pack_job *job = context;
 	const struct dvsm_model_config *config = job->run->config;
 	const struct dvsm_fixed_layer *layer = job->layer;
-	size_t dim = config->dim / config->heads, first = index * DVSM_FIXED_KEY_PAD;
-	size_t head_bytes = dvsm_fixed_head_bytes(layer->padded, config->dim, config->heads);
+	const size_t dim = config->dim / config->heads;
+	const size_t bytes = dvsm_fixed_head_bytes(layer->padded, config->dim, config->heads);
+	const struct dvsm_fixed_channel *channels = job->run->work.channels + 2 * head * dim;
 	struct dvsm_fixed_pack pack = {
+		.x = job->kv + head * dim,
 		.x_stride = 2 * (size_t)config->dim,
-		.rows = tile_length(job->rows, DVSM_FIXED_KEY_PAD, index),
+		.rows = layer->tokens,
 		.dim = dim,
 		.head_width = dvsm_fixed_pad(dim, DVSM_FIXED_HEAD),
-		.first = first,
+		.channels = channels,
+		.packed = layer->keys + head * bytes,
 	};
-	size_t bytes = DVSM_FIXED_KEY_PAD * pack.head_width, start = first * pack.head_width;
-	bool padding = pack.rows < DVSM_FIXED_KEY_PAD || dim < pack.head_width;
 
 	(void)worker;
-	for (size_t h = 0; h < config->heads; h++) {
-		if (padding) {
-			memset(layer->keys + h * head_bytes + start, 0, bytes);
-			memset(layer->values + h * head_bytes + start, 0, bytes);
-		}
-		pack.x = job->u + first * pack.x_stride + h * dim;
-		pack.channels = job->run->work.channels + h * dim;
-		pack.packed = layer->keys + h * head_bytes;
-		job->run->kernels->pack_keys(&pack);
-		pack.x += config->dim;
-		pack.channels += config->dim;
-		pack.packed = layer->values + h * head_bytes;
-		job->run->kernels->pack_values(&pack);
+	scale_head(job, head, dim);
+	if (layer->tokens < layer->padded || dim < pack.head_width) {
+		memset(layer->keys + head * bytes, 0, bytes);
+		memset(layer->values + head * bytes, 0, bytes);
 	}
+	job->run->kernels->pack_keys(&pack);
+	pack.x += config->dim;
+	pack.channels = channels + dim;
+	pack.packed = layer->values + head * bytes;
+	job->run->kernels->pack_values(&pack);
 }
 
 void dvsm_fixed_step_pack(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
 			  const int16_t *kv, struct dvsm_fixed_layer *layer)
 {
-	struct heads_job job = {.run = run, .u = kv, .rows = layer->tokens, .layer = layer};
+	struct pack_job job = {run, half, kv, layer};
 
-	dvsm_pool_run(run->pool, tiles(2 * (size_t)run->config->dim, RANGE_CHANNELS), range_task,
-		      &job);
-	dvsm_fixed_layer_scale(half, run->config->dim, run->work.ranges, layer, run->work.channels);
-	dvsm_pool_run(run->pool, tiles(layer->tokens, DVSM_FIXED_KEY_PAD), pack_task, &job);
+	dvsm_pool_run(run->pool, run->config->heads, pack_task, &job);
 }
 
 /* ---- attention ---- */
 
+struct attention_job {
+	const struct dvsm_fixed_run *run;
+	const struct dvsm_fixed_half *half;
+	const int16_t *u;
+	size_t rows, row_tiles;
+	const struct dvsm_fixed_layer *layer;
+	struct dvsm_fixed_then then;
+};
+
+/* The queries of a head in int8, into the scratch. */
+static void normalise_queries(const struct attention_job *job, size_t head, size_t row,
+			      const struct dvsm_fixed_head_scratch *scratch,
+			      struct dvsm_fixed_attention *attention)
+{
+	const struct dvsm_fixed_run *run = job->run;
+	const size_t dim = attention->dim;
+	struct dvsm_fixed_half half = *job->half;
+	struct dvsm_fixed_gain gain;
+	struct dvsm_fixed_slots slots = {.gains = &gain, .numbers = scratch->gains};
+	struct dvsm_fixed_queries queries = {
+		.u = job->u + row * run->config->dim + head * dim,
+		.u_stride = run->config->dim,
+		.rows = attention->queries,
+		.heads = 1,
+		.dim = dim,
+		.head_width = attention->head_width,
+		.gains = &gain,
+		.q = scratch->q,
+		.q_scale = scratch->q_scale,
+	};
+
+	half.query_epsilon += head;
+	dvsm_fixed_slots_fill(run->model, &half, dim, 1, job->layer->k_scale + head * dim, &slots);
+	run->kernels->queries(&queries);
+	attention->q = scratch->q;
+	attention->q_stride = attention->head_width;
+	attention->q_scale = scratch->q_scale;
+	attention->scale_stride = 1;
+	attention->scratch = scratch->rest;
+}
+
 static void attention_task(void *context, size_t index, uint32_t worker)
 {
-	const struct heads_job *job = context;
+	const struct attention_job *job = context;
 	const struct dvsm_model_config *config = job->run->config;
-	const struct dvsm_fixed_workspace *work = &job->run->work;
 	const struct dvsm_fixed_layer *layer = job->layer;
-	size_t row_tiles = tiles(job->rows, DVSM_FIXED_QUERIES);
-	size_t row = index % row_tiles * DVSM_FIXED_QUERIES, head = index / row_tiles;
-	size_t dim = config->dim / config->heads, width = dvsm_fixed_pad(dim, DVSM_FIXED_HEAD);
-	size_t head_bytes = dvsm_fixed_head_bytes(layer->padded, config->dim, config->heads);
+	const size_t row_tile = index % job->row_tiles, head = index / job->row_tiles;
+	const size_t row = row_tile * TASK_ROWS, dim = config->dim / config->heads;
+	const size_t head_bytes = dvsm_fixed_head_bytes(layer->padded, config->dim, config->heads);
 	struct dvsm_fixed_attention attention = {
-		.q = work->q + (row * config->heads + head) * width,
-		.q_stride = config->heads * width,
-		.q_scale = work->q_scale + row * config->heads + head,
-		.scale_stride = config->heads,
-		.queries = tile_length(job->rows, DVSM_FIXED_QUERIES, index % row_tiles),
+		.queries = tile_length(job->rows, TASK_ROWS, row_tile),
 		.k = layer->keys + head * head_bytes,
 		.v = layer->values + head * head_bytes,
 		.keys = layer->tokens,
 		.dim = dim,
-		.head_width = width,
+		.head_width = dvsm_fixed_pad(dim, DVSM_FIXED_HEAD),
 		.v_scale = layer->v_scale + head * dim,
 		.v_mean = layer->v_mean + head * dim,
-		.out = work->mixed + row * config->dim + head * dim,
+		.out = job->run->work.mixed + row * config->dim + head * dim,
 		.out_stride = config->dim,
-		.scratch = dvsm_fixed_scratch(job->run, worker),
 	};
+	const struct dvsm_fixed_head_scratch scratch = dvsm_fixed_head_scratch_place(
+		dvsm_fixed_scratch(job->run, worker), attention.head_width);
 
+	normalise_queries(job, head, row, &scratch, &attention);
 	job->run->kernels->attention(&attention);
+	arrive(job->run, &job->then, row_tile, attention.queries);
 }
 
-void dvsm_fixed_step_attention(const struct dvsm_fixed_run *run, size_t rows,
-			       const struct dvsm_fixed_layer *layer)
+void dvsm_fixed_step_attention(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
+			       const int16_t *u, size_t rows, const struct dvsm_fixed_layer *layer,
+			       struct dvsm_fixed_then then)
 {
-	struct heads_job job = {.run = run, .rows = rows, .layer = layer};
+	struct attention_job job = {run, half, u, rows, tiles(rows, TASK_ROWS), layer, then};
 
-	dvsm_pool_run(run->pool, run->config->heads * tiles(rows, DVSM_FIXED_QUERIES),
-		      attention_task, &job);
+	expect(run, &then, job.row_tiles, run->config->heads);
+	dvsm_pool_run(run->pool, run->config->heads * job.row_tiles, attention_task, &job);
 }

@@ -9,10 +9,10 @@ static size_t larger(size_t a, size_t b)
 static size_t scratch_bytes(const struct dvsm_model_config *config,
 			    const struct dvsm_job_size *size)
 {
-	size_t attention = dvsm_fixed_attention_scratch(
-		dvsm_fixed_pad(config->dim / config->heads, DVSM_FIXED_HEAD));
+	const size_t width = dvsm_fixed_pad(config->dim / config->heads, DVSM_FIXED_HEAD);
+	struct dvsm_fixed_head_scratch attention = dvsm_fixed_head_scratch_place(NULL, width);
 
-	return dvsm_fixed_pad(larger(attention, 2 * size->scratch_bytes), 64);
+	return dvsm_fixed_pad(larger(attention.bytes, 2 * size->scratch_bytes), 64);
 }
 
 /* The widest input of a product, padded: a token, its hidden numbers, its rays. */
@@ -54,7 +54,6 @@ struct dvsm_fixed_workspace dvsm_fixed_workspace_place(struct dvsm_arena *arena,
 {
 	const size_t dim = config->dim, heads = config->heads, n = size->view_tokens;
 	const size_t area = (size_t)config->patch_px * config->patch_px;
-	const size_t head_width = dvsm_fixed_pad(dim / heads, DVSM_FIXED_HEAD);
 	struct dvsm_fixed_workspace w = {0};
 
 	w.x = take(arena, size->tokens, dim, sizeof(*w.x));
@@ -64,12 +63,10 @@ struct dvsm_fixed_workspace dvsm_fixed_workspace_place(struct dvsm_arena *arena,
 	w.wide = take(arena, n, dim * larger(1, config->mlp_ratio), sizeof(*w.wide));
 	w.mixed = take(arena, n, dim, sizeof(*w.mixed));
 	w.kv = take(arena, size->tokens, 2 * dim, sizeof(*w.kv));
-	w.q = take(arena, n, heads * head_width, 1);
-	w.q_scale = take(arena, n, heads, sizeof(*w.q_scale));
 	w.ranges = take(arena, 2, dim, sizeof(*w.ranges));
 	w.channels = take(arena, 2, dim, sizeof(*w.channels));
 	w.own = place_layer(arena, dim, heads, n);
-	dvsm_fixed_slots_place(arena, dim, heads, &w.slots);
+	w.left = take(arena, n / DVSM_FIXED_TASK_ROWS + 1, 1, sizeof(*w.left));
 	w.patches = take(arena, n, 6 * area, sizeof(*w.patches));
 	w.sums = take(arena, n, larger(3 * area, dim), sizeof(*w.sums));
 	w.scratch_stride = scratch_bytes(config, size);
