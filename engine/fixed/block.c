@@ -23,15 +23,16 @@ static struct dvsm_fixed_product query_product(const struct dvsm_fixed_run *run,
 	};
 }
 
-static struct dvsm_fixed_then norm_then(const int32_t *x, const struct dvsm_fixed_gain *gain)
+static struct dvsm_fixed_then norm_then(const int32_t *x, const struct dvsm_fixed_gain *gain,
+					const struct dvsm_fixed_matrix *input)
 {
 	return (struct dvsm_fixed_then){
-		.what = gain ? DVSM_FIXED_NORM : DVSM_FIXED_NOTHING, .x = x, .gain = gain};
+		.what = DVSM_FIXED_NORM, .x = x, .gain = gain, .input = input};
 }
 
 /* x += down(GELU(up(what work.a holds))) */
 static void run_mlp(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
-		    int32_t *x, size_t tokens, const struct dvsm_fixed_gain *next)
+		    int32_t *x, size_t tokens, struct dvsm_fixed_then next)
 {
 	const struct dvsm_fixed_workspace *work = &run->work;
 	/* Rows of the hidden numbers are longer than those that the others still read. */
@@ -44,7 +45,7 @@ static void run_mlp(const struct dvsm_fixed_run *run, const struct dvsm_fixed_ha
 		.then = {.what = DVSM_FIXED_QUANTISE,
 			 .wide = work->wide,
 			 .to = work->a_low,
-			 .dim = half->up.out,
+			 .input = &half->down,
 			 .fraction = half->hidden_fraction},
 	};
 	const struct dvsm_fixed_product down = {
@@ -52,7 +53,7 @@ static void run_mlp(const struct dvsm_fixed_run *run, const struct dvsm_fixed_ha
 		.w = &half->down,
 		.c = x,
 		.epilogue = DVSM_FIXED_ADD,
-		.then = norm_then(x, next),
+		.then = next,
 	};
 
 	dvsm_fixed_step_products(run, tokens, &up, 1);
@@ -62,14 +63,14 @@ static void run_mlp(const struct dvsm_fixed_run *run, const struct dvsm_fixed_ha
 /* x += Wo attention(queries in work.wide, layer); then the MLP. */
 static void attend_and_mix(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
 			   int32_t *x, size_t tokens, const struct dvsm_fixed_layer *layer,
-			   const struct dvsm_fixed_gain *next)
+			   struct dvsm_fixed_then next)
 {
 	const struct dvsm_fixed_workspace *work = &run->work;
 	const struct dvsm_fixed_then quantise = {
 		.what = DVSM_FIXED_QUANTISE,
 		.wide = work->mixed,
 		.to = work->a,
-		.dim = run->config->dim,
+		.input = &half->out,
 		.fraction = half->mixed_fraction,
 	};
 	const struct dvsm_fixed_product out = {
@@ -77,7 +78,7 @@ static void attend_and_mix(const struct dvsm_fixed_run *run, const struct dvsm_f
 		.w = &half->out,
 		.c = x,
 		.epilogue = DVSM_FIXED_ADD,
-		.then = norm_then(x, &half->mlp_norm),
+		.then = norm_then(x, &half->mlp_norm, &half->up),
 	};
 
 	dvsm_fixed_step_attention(run, half, work->wide, tokens, layer, quantise);
@@ -86,7 +87,7 @@ static void attend_and_mix(const struct dvsm_fixed_run *run, const struct dvsm_f
 }
 
 void dvsm_fixed_block_intra(const struct dvsm_fixed_run *run, uint32_t layer, int32_t *x,
-			    size_t tokens, int16_t *kv)
+			    size_t tokens, int16_t *kv, const struct dvsm_fixed_matrix *input)
 {
 	const struct dvsm_fixed_block *block = &run->model->blocks[layer];
 	const struct dvsm_fixed_half *half = &block->intra;
@@ -98,7 +99,7 @@ void dvsm_fixed_block_intra(const struct dvsm_fixed_run *run, uint32_t layer, in
 	own.padded = dvsm_fixed_pad(tokens, DVSM_FIXED_KEY_PAD);
 	dvsm_fixed_step_products(run, tokens, products, 2);
 	dvsm_fixed_step_pack(run, half, kv, &own);
-	attend_and_mix(run, half, x, tokens, &own, &block->cross.norm);
+	attend_and_mix(run, half, x, tokens, &own, norm_then(x, &block->cross.norm, input));
 }
 
 void dvsm_fixed_block_cross_keys(const struct dvsm_fixed_run *run, uint32_t layer, size_t tokens,
@@ -112,11 +113,14 @@ void dvsm_fixed_block_cross_keys(const struct dvsm_fixed_run *run, uint32_t laye
 
 void dvsm_fixed_block_cross(const struct dvsm_fixed_run *run, uint32_t layer, int32_t *x,
 			    size_t tokens, const struct dvsm_fixed_layer *cache,
-			    const struct dvsm_fixed_gain *next)
+			    const struct dvsm_fixed_half *next)
 {
 	const struct dvsm_fixed_half *half = &run->model->blocks[layer].cross;
 	const struct dvsm_fixed_product product = query_product(run, half);
+	struct dvsm_fixed_then then = {.what = DVSM_FIXED_NOTHING};
 
+	if (next)
+		then = norm_then(x, &next->norm, &next->key_value);
 	dvsm_fixed_step_products(run, tokens, &product, 1);
-	attend_and_mix(run, half, x, tokens, cache, next);
+	attend_and_mix(run, half, x, tokens, cache, then);
 }

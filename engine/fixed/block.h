@@ -8,11 +8,12 @@
  * Attention within one view, and the MLP behind it. work.a holds the norm of x before attention,
  * and afterwards that of the cross half.
  *
- * x    [tokens][D] the view's residual stream
- * kv   [tokens][2D], written over
+ * x      [tokens][D] the view's residual stream
+ * kv     [tokens][2D], written over
+ * input  matrix of the cross half that work.a is to fit afterwards
  */
 void dvsm_fixed_block_intra(const struct dvsm_fixed_run *run, uint32_t layer, int32_t *x,
-			    size_t tokens, int16_t *kv);
+			    size_t tokens, int16_t *kv, const struct dvsm_fixed_matrix *input);
 
 /** Cross-view keys and values of the view whose norm work.a holds, normalised and in 16 bits, to
  * kv[tokens][2D]. */
@@ -22,10 +23,10 @@ void dvsm_fixed_block_cross_keys(const struct dvsm_fixed_run *run, uint32_t laye
 /**
  * Attention to a layer of context tokens, and the MLP behind it. work.a holds the norm of x.
  *
- * next   norm of x that work.a is to hold afterwards, or NULL
+ * next   what work.a is to hold the norm of x for afterwards, or NULL
  */
 void dvsm_fixed_block_cross(const struct dvsm_fixed_run *run, uint32_t layer, int32_t *x,
 			    size_t tokens, const struct dvsm_fixed_layer *cache,
-			    const struct dvsm_fixed_gain *next);
+			    const struct dvsm_fixed_half *next);
 
 #endif

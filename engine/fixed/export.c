@@ -7,6 +7,7 @@
 #include "base/memory.h"
 #include "files/safetensors.h"
 #include "fixed/quantise.h"
+#include "fixed/turn.h"
 #include "forward/arena.h"
 #include "model/model.h"
 
@@ -30,7 +31,7 @@ struct export
 	struct name *names;
 	size_t count;
 	bool matrices; /* the int8 part of the walk */
-	float *row;
+	double *rows;  /* room for the largest matrix, turned */
 	dvsm_quantise_report_fn *report;
 	void *context;
 };
@@ -60,7 +61,7 @@ static void add(struct export *export, const char *name, enum dvsm_dtype dtype, 
 	export->count++;
 }
 
-/* A LayerNorm's weight, rounded as the integers have it. */
+/* The embedding's norm, rounded as the integers have it. */
 static void add_norm(struct export *export, const char *name, const float *weights)
 {
 	const size_t dim = export->model->config.dim;
@@ -80,6 +81,20 @@ static void add_norm(struct export *export, const char *name, const float *weigh
 	add(export, name, DVSM_DTYPE_F32, dim, 0, out);
 }
 
+/* The others' weights are part of the matrices behind them. */
+static void add_unit_norm(struct export *export, const char *name)
+{
+	const size_t dim = export->model->config.dim;
+	float *out;
+
+	if (export->matrices)
+		return;
+	out = dvsm_arena_take(&export->arena, dim, sizeof(*out));
+	for (size_t d = 0; export->arena.base && d < dim; d++)
+		out[d] = 1;
+	add(export, name, DVSM_DTYPE_F32, dim, 0, out);
+}
+
 static void add_vector(struct export *export, const char *name, const float *weights, size_t count)
 {
 	if (!export->matrices)
@@ -96,37 +111,36 @@ static double ratio_db(struct energy energy)
 	return energy.errors > 0 ? 10 * log10(energy.weights / energy.errors) : INFINITY;
 }
 
-static struct energy measure(const float *weights, const int8_t *numbers, size_t count, double unit)
+static struct energy measure(const double *weights, const int8_t *numbers, size_t count,
+			     double unit)
 {
 	struct energy energy = {0, 0};
 
 	for (size_t d = 0; d < count; d++) {
 		double error = weights[d] - numbers[d] * unit;
 
-		energy.weights += (double)weights[d] * weights[d];
+		energy.weights += weights[d] * weights[d];
 		energy.errors += error * error;
 	}
 	return energy;
 }
 
 /* Rows of one or two matrices that lie below each other in the file. */
-static void fill_rows(struct export *export, const char *name, const struct dvsm_matrix *parts[2],
-		      int8_t *numbers, float *scales)
+static void fill_rows(struct export *export, const char *name,
+		      const struct dvsm_fixed_place *parts[2], int8_t *numbers, float *scales)
 {
-	const size_t in = parts[0]->in;
+	const size_t in = parts[0]->matrix->in;
 	struct energy all = {0, 0};
 	double worst_db = INFINITY;
 	size_t row = 0;
 
 	for (int p = 0; p < 2 && parts[p]; p++) {
-		for (size_t j = 0; j < parts[p]->out; j++, row++) {
+		dvsm_fixed_turn_matrix(parts[p], export->rows);
+		for (size_t j = 0; j < parts[p]->matrix->out; j++, row++) {
+			const double *weights = export->rows + j * in;
 			int8_t *to = numbers + row * in;
-
-			dvsm_fixed_unpack_row(parts[p], j, export->row);
-
-			double unit =
-				dvsm_fixed_value(dvsm_fixed_quantise_row(export->row, in, to));
-			struct energy energy = measure(export->row, to, in, unit);
+			double unit = dvsm_fixed_value(dvsm_fixed_quantise_row(weights, in, to));
+			struct energy energy = measure(weights, to, in, unit);
 
 			scales[row] = (float)unit;
 			all.weights += energy.weights;
@@ -138,11 +152,12 @@ static void fill_rows(struct export *export, const char *name, const struct dvsm
 		export->report(export->context, name, ratio_db(all), worst_db);
 }
 
-static void add_matrix(struct export *export, const char *name, const struct dvsm_matrix *first,
-		       const struct dvsm_matrix *second)
+static void add_matrix(struct export *export, const char *name,
+		       const struct dvsm_fixed_place *first, const struct dvsm_fixed_place *second)
 {
-	const struct dvsm_matrix *parts[2] = {first, second};
-	const size_t rows = first->out + (second ? second->out : 0), in = first->in;
+	const struct dvsm_fixed_place *parts[2] = {first, second};
+	const size_t in = first->matrix->in;
+	const size_t rows = first->matrix->out + (second ? second->matrix->out : 0);
 	char scale_name[sizeof(struct name)];
 
 	snprintf(scale_name, sizeof(scale_name), "%s_scale", name);
@@ -174,37 +189,41 @@ static void add_half(struct export *export, uint32_t layer, const char *half,
 		     const struct dvsm_half_weights *w)
 {
 	const struct dvsm_model_config *config = &export->model->config;
+	const struct dvsm_fixed_half_places places = dvsm_fixed_places_of(export->model, w);
 	const size_t head = config->dim / config->heads;
 	char name[sizeof(struct name)];
 
 #define NAME(rest) (snprintf(name, sizeof(name), "blocks.%u.%s%s.weight", layer, half, rest), name)
-	add_norm(export, NAME("_norm"), w->norm);
-	add_matrix(export, NAME(".qkv"), &w->query, &w->key_value);
+	add_unit_norm(export, NAME("_norm"));
+	add_matrix(export, NAME(".qkv"), &places.query, &places.key_value);
 	add_vector(export, NAME(".q_norm"), w->q_norm, head);
 	add_vector(export, NAME(".k_norm"), w->k_norm, head);
-	add_matrix(export, NAME(".out"), &w->out, NULL);
-	add_norm(export, NAME("_mlp_norm"), w->mlp_norm);
-	add_matrix(export, NAME("_mlp.up"), &w->up, NULL);
-	add_matrix(export, NAME("_mlp.down"), &w->down, NULL);
+	add_matrix(export, NAME(".out"), &places.out, NULL);
+	add_unit_norm(export, NAME("_mlp_norm"));
+	add_matrix(export, NAME("_mlp.up"), &places.up, NULL);
+	add_matrix(export, NAME("_mlp.down"), &places.down, NULL);
 #undef NAME
 }
 
 static void add_all(struct export *export)
 {
 	const struct dvsm_weights *w = &export->model->weights;
+	const struct dvsm_fixed_place ray = dvsm_fixed_place_plain(&w->patch_ray);
+	const struct dvsm_fixed_place rgb = dvsm_fixed_place_plain(&w->patch_rgb);
+	const struct dvsm_fixed_place to_rgb = dvsm_fixed_place_rgb(export->model);
 
 	export->count = 0;
 	for (int part = 0; part < 2; part++) {
 		export->matrices = part == 1;
-		add_matrix(export, "patch_ray.weight", &w->patch_ray, NULL);
-		add_matrix(export, "patch_rgb.weight", &w->patch_rgb, NULL);
+		add_matrix(export, "patch_ray.weight", &ray, NULL);
+		add_matrix(export, "patch_rgb.weight", &rgb, NULL);
 		add_norm(export, "embed_norm.weight", w->embed_norm);
 		for (uint32_t i = 0; i < export->model->config.layers; i++) {
 			add_half(export, i, "intra", &w->blocks[i].intra);
 			add_half(export, i, "cross", &w->blocks[i].cross);
 		}
-		add_norm(export, "final_norm.weight", w->final_norm);
-		add_matrix(export, "to_rgb.weight", &w->to_rgb, NULL);
+		add_unit_norm(export, "final_norm.weight");
+		add_matrix(export, "to_rgb.weight", &to_rgb, NULL);
 	}
 }
 
@@ -217,7 +236,7 @@ static enum dvsm_status write_file(const struct export *export, const char *path
 	snprintf(config, sizeof(config),
 		 "{\"dim\": %u, \"heads\": %u, \"layers\": %u, \"patch\": %u, \"mlp_ratio\": %u, "
 		 "\"norm_eps\": %.17g, \"rgb_out\": \"%s\", \"pose_norm\": \"gs-lrm\", "
-		 "\"prior\": null, \"quantisation\": \"int8\"}",
+		 "\"prior\": null, \"quantisation\": \"int8-turned\"}",
 		 c->dim, c->heads, c->layers, c->patch_px, c->mlp_ratio, c->norm_eps,
 		 c->rgb_sigmoid ? "sigmoid" : "linear");
 
@@ -225,7 +244,7 @@ static enum dvsm_status write_file(const struct export *export, const char *path
 		{"format", "dvsm"},
 		{"version", "1"},
 		{"config", config},
-		{"source_sha256", export->model->sha256},
+		{"source_sha256", export->model->source_sha256},
 	};
 
 	return dvsm_safetensors_write(path, metadata, sizeof(metadata) / sizeof(metadata[0]),
@@ -250,13 +269,15 @@ enum dvsm_status dvsm_model_quantise(const struct dvsm_model *model, const char 
 	size_t most = END_TENSORS + (size_t)config->layers * 2 * HALF_TENSORS;
 	size_t hidden = (size_t)config->dim * config->mlp_ratio;
 	size_t rays = 6 * (size_t)config->patch_px * config->patch_px;
+	size_t longest = hidden > rays ? hidden : rays;
+	size_t tallest = longest > 2 * (size_t)config->dim ? longest : 2 * (size_t)config->dim;
 
 	add_all(&export);
 	memory = export.arena.overflow ? NULL : dvsm_aligned_alloc(export.arena.used);
 	export.tensors = calloc(most, sizeof(*export.tensors));
 	export.names = calloc(most, sizeof(*export.names));
-	export.row = calloc(hidden > rays ? hidden : rays, sizeof(*export.row));
-	if (memory && export.tensors && export.names && export.row) {
+	export.rows = calloc(tallest * config->dim, sizeof(*export.rows));
+	if (memory && export.tensors && export.names && export.rows) {
 		export.arena = (struct dvsm_arena){.base = memory};
 		add_all(&export);
 		status = write_file(&export, path, error);
@@ -267,6 +288,6 @@ enum dvsm_status dvsm_model_quantise(const struct dvsm_model *model, const char 
 	free(memory);
 	free(export.tensors);
 	free(export.names);
-	free(export.row);
+	free(export.rows);
 	return status;
 }

@@ -37,10 +37,12 @@ static inline size_t dvsm_fixed_head_bytes(size_t padded, size_t dim, size_t hea
 void dvsm_fixed_layer_place(struct dvsm_arena *arena, size_t dim, struct dvsm_fixed_layer *layer);
 
 /**
- * From the ranges of all keys and values of a layer to how they are packed.
+ * From the ranges of one head's keys and values to how they are packed.
  *
- * ranges    [2D]: keys, values
- * channels  receives [2D]
+ * half, layer  their arrays begin at the head's
+ * dim          of a head
+ * ranges       [2][dim]: keys, values
+ * channels     receives [2][dim]
  */
 void dvsm_fixed_layer_scale(const struct dvsm_fixed_half *half, size_t dim,
 			    const struct dvsm_fixed_range *ranges, struct dvsm_fixed_layer *layer,

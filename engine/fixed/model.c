@@ -6,6 +6,7 @@
 
 #include "base/error.h"
 #include "base/memory.h"
+#include "fixed/turn.h"
 #include "forward/arena.h"
 #include "kernels/fixed_math.h"
 
@@ -24,6 +25,9 @@
 /* What int8 activations and 15-bit scales may add to a bound that holds for real numbers. */
 #define SLACK 1.02
 
+/* Numbers a row of a product's input, which its sums of 32 bits hold. */
+#define MOST_DEPTH 65536
+
 /*
  * The walk over the model. It runs twice over the same code: first without memory, to add up the
  * space, then to fill it.
@@ -31,11 +35,11 @@
 struct build {
 	const struct dvsm_model *model;
 	struct dvsm_arena arena;
-	float *row;      /* room for the longest row */
-	double *gains;   /* [D], the norm at hand as the integers have it */
-	int8_t *numbers; /* rows of the matrix at hand */
-	double peak;     /* what no number behind that norm exceeds */
-	double stream;   /* bound of the residual stream so far */
+	double *rows;                /* room for the largest matrix, turned */
+	int8_t *numbers;             /* the matrix at hand */
+	int8_t *planes;              /* and, where it is fine, both of its planes */
+	double stream;               /* bound of the residual stream so far */
+	struct dvsm_fixed_gain unit; /* of all norms but the embedding's */
 };
 
 static bool filling(const struct build *build)
@@ -45,54 +49,91 @@ static bool filling(const struct build *build)
 
 /* ---- norms ---- */
 
-/* A row behind a LayerNorm without its weight has a length of at most sqrt(D). */
-static void take_gain(struct build *build, const float *weights, struct dvsm_fixed_gain *gain)
+/* A norm's weight in 16 bits; returns the largest number that can lie behind it. */
+static double take_gain(struct build *build, const float *weights, struct dvsm_fixed_gain *gain)
 {
-	size_t dim = build->model->config.dim;
+	const size_t dim = build->model->config.dim;
 	int16_t *gains = dvsm_arena_take(&build->arena, dim, sizeof(*gains));
+	double largest = 0;
 
 	if (!filling(build))
-		return;
+		return 0;
 	int exponent = dvsm_fixed_quantise_gain(weights, dim, gains);
 
 	gain->gain = gains;
 	gain->scale = dvsm_fixed_shift(dvsm_fixed_scale_near(sqrt((double)dim)), exponent);
-	build->peak = 0;
-	for (size_t d = 0; d < dim; d++) {
-		build->gains[d] = ldexp(gains[d], exponent);
-		build->peak = fmax(build->peak, sqrt((double)dim) * fabs(build->gains[d]));
-	}
+	for (size_t d = 0; d < dim; d++)
+		largest = fmax(largest, fabs(ldexp(gains[d], exponent)));
+	return sqrt((double)dim) * largest;
+}
+
+/* Weights of all other norms are part of the matrices behind them: what is left is 1. */
+static void take_unit(struct build *build)
+{
+	const size_t dim = build->model->config.dim;
+	int16_t *gains = dvsm_arena_take(&build->arena, dim, sizeof(*gains));
+
+	for (size_t d = 0; filling(build) && d < dim; d++)
+		gains[d] = 1 << 14;
+	build->unit.gain = gains;
+	build->unit.scale = dvsm_fixed_shift(dvsm_fixed_scale_near(sqrt((double)dim)), -14);
 }
 
 /* ---- matrices ---- */
 
-static struct dvsm_fixed_matrix take_matrix(struct build *build, const struct dvsm_matrix *w)
+/* What the low plane of an input, sixteenths, is multiplied by. */
+static int8_t low_plane(int8_t number)
 {
-	size_t depth = dvsm_fixed_pad(w->in, DVSM_FIXED_DEPTH);
+	return (int8_t)dvsm_fixed_round(number, DVSM_FIXED_FINE_BITS);
+}
+
+/* W beside R(W, 4), each padded. */
+static void put_planes(struct build *build, size_t out, size_t in, size_t plane)
+{
+	memset(build->planes, 0, 2 * out * plane);
+	for (size_t j = 0; j < out; j++) {
+		const int8_t *numbers = build->numbers + j * in;
+		int8_t *high = build->planes + 2 * j * plane, *low = high + plane;
+
+		for (size_t d = 0; d < in; d++) {
+			high[d] = numbers[d];
+			low[d] = low_plane(numbers[d]);
+		}
+	}
+}
+
+static struct dvsm_fixed_matrix take_matrix(struct build *build,
+					    const struct dvsm_fixed_place *place)
+{
+	const size_t out = place->matrix->out, in = place->matrix->in;
+	const size_t plane = dvsm_fixed_pad(in, DVSM_FIXED_DEPTH);
+	const bool fine = place->fine && 2 * plane <= MOST_DEPTH;
+	const size_t depth = fine ? 2 * plane : plane;
 	int8_t *panels =
-		dvsm_arena_take(&build->arena, dvsm_fixed_pad(w->out, DVSM_FIXED_PANEL), depth);
-	int32_t *sums = dvsm_arena_take(&build->arena, w->out, sizeof(*sums));
-	int16_t *mantissas = dvsm_arena_take(&build->arena, w->out, sizeof(*mantissas));
-	int16_t *shifts = dvsm_arena_take(&build->arena, w->out, sizeof(*shifts));
+		dvsm_arena_take(&build->arena, dvsm_fixed_pad(out, DVSM_FIXED_PANEL), depth);
+	int32_t *sums = dvsm_arena_take(&build->arena, out, sizeof(*sums));
+	int16_t *mantissas = dvsm_arena_take(&build->arena, out, sizeof(*mantissas));
+	int16_t *shifts = dvsm_arena_take(&build->arena, out, sizeof(*shifts));
 
 	if (filling(build)) {
-		for (size_t j = 0; j < w->out; j++) {
-			int8_t *numbers = build->numbers + j * w->in;
-
-			dvsm_fixed_unpack_row(w, j, build->row);
-
+		dvsm_fixed_turn_matrix(place, build->rows);
+		for (size_t j = 0; j < out; j++) {
+			int8_t *numbers = build->numbers + j * in;
 			struct dvsm_fixed_scale scale =
-				dvsm_fixed_quantise_row(build->row, w->in, numbers);
+				dvsm_fixed_quantise_row(build->rows + j * in, in, numbers);
 
 			mantissas[j] = scale.mantissa;
 			shifts[j] = (int16_t)-scale.exponent;
 			sums[j] = 0;
-			for (size_t d = 0; d < w->in; d++)
-				sums[j] += numbers[d];
+			for (size_t d = 0; d < in; d++)
+				sums[j] += numbers[d] + (fine ? low_plane(numbers[d]) : 0);
 		}
-		dvsm_fixed_pack_panels(build->numbers, w->out, w->in, panels);
+		if (fine)
+			put_planes(build, out, in, plane);
+		dvsm_fixed_pack_panels(fine ? build->planes : build->numbers, out,
+				       fine ? depth : in, panels);
 	}
-	return (struct dvsm_fixed_matrix){panels, sums, mantissas, shifts, w->out, w->in, depth};
+	return (struct dvsm_fixed_matrix){panels, sums, mantissas, shifts, out, in, depth, fine};
 }
 
 /* Results of row j in units of 2^-fraction. */
@@ -110,24 +151,25 @@ static void set_fractions(const struct dvsm_fixed_matrix *matrix, int fraction)
 }
 
 /*
- * The largest that a row of the matrix taken last can give for an input of length `length`, times
- * gains (NULL for none): Cauchy-Schwarz for the input as it is, and half a step of its int8 form -
- * at most peak / 252, peak bounding its numbers - against every weight.
+ * The largest that a row of the matrix taken last can give for an input of length `length`:
+ * Cauchy-Schwarz for the input as it is, and half a step of its int8 form - at most length / 252 -
+ * against every weight.
  */
 static double bound_row(const struct build *build, const struct dvsm_fixed_matrix *matrix,
-			size_t row, const double *gains, double length, double peak)
+			size_t row, double length)
 {
 	const int8_t *numbers = build->numbers + row * matrix->in;
 	double squares = 0, sizes = 0;
 	double unit = ldexp(matrix->mantissas[row], -matrix->shifts[row]);
 
 	for (size_t d = 0; d < matrix->in; d++) {
-		double w = numbers[d] * (gains ? gains[d] : 1.0);
+		double w = numbers[d];
 
 		squares += w * w;
 		sizes += abs(numbers[d]);
 	}
-	return SLACK * unit * (sqrt(squares) * length + sizes * peak / 252);
+	return SLACK * unit *
+	       (sqrt(squares) * length + sizes * length / (matrix->fine ? 126 : 252));
 }
 
 /* The largest that any row of the matrix taken last can give for numbers up to `peak`. */
@@ -148,12 +190,11 @@ static double bound_sums(const struct build *build, const struct dvsm_fixed_matr
 
 /* ---- half a block ---- */
 
-/* bound_row() behind the LayerNorm taken last: rows of length sqrt(D) before its weight. */
+/* bound_row() behind a LayerNorm, whose rows are of length sqrt(D). */
 static double bound_normed(const struct build *build, const struct dvsm_fixed_matrix *matrix,
 			   size_t row)
 {
-	return bound_row(build, matrix, row, build->gains, sqrt((double)build->model->config.dim),
-			 build->peak);
+	return bound_row(build, matrix, row, sqrt((double)build->model->config.dim));
 }
 
 /* One fraction for all numbers of a head, and its epsilon. */
@@ -174,13 +215,13 @@ static void set_head(const struct build *build, const struct dvsm_fixed_matrix *
 	*epsilon = dvsm_fixed_quantise_epsilon((double)width * config->norm_eps, 2 * fraction);
 }
 
-static void take_query(struct build *build, const struct dvsm_half_weights *w,
+static void take_query(struct build *build, const struct dvsm_fixed_place *place,
 		       struct dvsm_fixed_half *half)
 {
 	const struct dvsm_model_config *config = &build->model->config;
 	int64_t *epsilon = dvsm_arena_take(&build->arena, config->heads, sizeof(*epsilon));
 
-	half->query = take_matrix(build, &w->query);
+	half->query = take_matrix(build, place);
 	if (!filling(build))
 		return;
 	for (size_t h = 0; h < config->heads; h++)
@@ -190,7 +231,7 @@ static void take_query(struct build *build, const struct dvsm_half_weights *w,
 
 /* Keys and values. Returns the length that a row of attention's output cannot exceed. */
 static double take_key_value(struct build *build, const struct dvsm_half_weights *w,
-			     struct dvsm_fixed_half *half)
+			     const struct dvsm_fixed_place *place, struct dvsm_fixed_half *half)
 {
 	const struct dvsm_model_config *config = &build->model->config;
 	const size_t dim = config->dim, width = dim / config->heads;
@@ -199,7 +240,7 @@ static double take_key_value(struct build *build, const struct dvsm_half_weights
 	struct dvsm_fixed_scale *qk = dvsm_arena_take(&build->arena, width, sizeof(*qk));
 	double squares = 0;
 
-	half->key_value = take_matrix(build, &w->key_value);
+	half->key_value = take_matrix(build, place);
 	if (!filling(build))
 		return 0;
 	for (size_t h = 0; h < config->heads; h++)
@@ -224,27 +265,27 @@ static double take_key_value(struct build *build, const struct dvsm_half_weights
 }
 
 /* A product whose result joins the residual stream: the stream's bound grows by what it can add. */
-static struct dvsm_fixed_matrix take_residual(struct build *build, const struct dvsm_matrix *w,
-					      double length)
+static struct dvsm_fixed_matrix take_residual(struct build *build,
+					      const struct dvsm_fixed_place *place, double length)
 {
-	struct dvsm_fixed_matrix matrix = take_matrix(build, w);
+	struct dvsm_fixed_matrix matrix = take_matrix(build, place);
 	double largest = 0;
 
 	if (!filling(build))
 		return matrix;
 	for (size_t j = 0; j < matrix.out; j++)
-		largest = fmax(largest, bound_row(build, &matrix, j, NULL, length, length));
+		largest = fmax(largest, bound_row(build, &matrix, j, length));
 	build->stream += largest;
 	return matrix;
 }
 
 /* Returns the length that a row of hidden numbers cannot exceed. */
-static double take_up(struct build *build, const struct dvsm_half_weights *w,
+static double take_up(struct build *build, const struct dvsm_fixed_place *place,
 		      struct dvsm_fixed_half *half)
 {
 	double squares = 0, largest = 0;
 
-	half->up = take_matrix(build, &w->up);
+	half->up = take_matrix(build, place);
 	if (!filling(build))
 		return 0;
 	for (size_t j = 0; j < half->up.out; j++) {
@@ -258,14 +299,22 @@ static double take_up(struct build *build, const struct dvsm_half_weights *w,
 	return SLACK * sqrt(squares);
 }
 
-static void take_half(struct build *build, const struct dvsm_half_weights *w,
+/* Which products of half a block take two planes of activations (FIXED_POINT.md, section 4). */
+enum finesse { COARSE, FINE_BEHIND_ATTENTION, FINE_QUERIES };
+
+static void take_half(struct build *build, const struct dvsm_half_weights *w, enum finesse finesse,
 		      struct dvsm_fixed_half *half)
 {
-	take_gain(build, w->norm, &half->norm);
-	take_query(build, w, half);
-	half->out = take_residual(build, &w->out, take_key_value(build, w, half));
-	take_gain(build, w->mlp_norm, &half->mlp_norm);
-	half->down = take_residual(build, &w->down, take_up(build, w, half));
+	struct dvsm_fixed_half_places places = dvsm_fixed_places_of(build->model, w);
+
+	places.query.fine = finesse == FINE_QUERIES;
+	places.out.fine = places.up.fine = places.down.fine = finesse == FINE_BEHIND_ATTENTION;
+
+	half->norm = half->mlp_norm = build->unit;
+	take_query(build, &places.query, half);
+	half->out = take_residual(build, &places.out,
+				  take_key_value(build, w, &places.key_value, half));
+	half->down = take_residual(build, &places.down, take_up(build, &places.up, half));
 }
 
 /* ---- the whole ---- */
@@ -273,11 +322,13 @@ static void take_half(struct build *build, const struct dvsm_half_weights *w,
 static void take_embedding(struct build *build, struct dvsm_fixed_model *fixed)
 {
 	const struct dvsm_weights *w = &build->model->weights;
+	const struct dvsm_fixed_place ray = dvsm_fixed_place_plain(&w->patch_ray);
+	const struct dvsm_fixed_place rgb = dvsm_fixed_place_plain(&w->patch_rgb);
 	double bound;
 
-	fixed->patch_ray = take_matrix(build, &w->patch_ray);
+	fixed->patch_ray = take_matrix(build, &ray);
 	bound = filling(build) ? bound_sums(build, &fixed->patch_ray, RAY_PEAK) : 0;
-	fixed->patch_rgb = take_matrix(build, &w->patch_rgb);
+	fixed->patch_rgb = take_matrix(build, &rgb);
 	if (!filling(build))
 		return;
 	bound += bound_sums(build, &fixed->patch_rgb, COLOUR_PEAK);
@@ -291,13 +342,14 @@ static void take_embedding(struct build *build, struct dvsm_fixed_model *fixed)
 static void take_picture_ends(struct build *build, struct dvsm_fixed_model *fixed)
 {
 	const struct dvsm_weights *w = &build->model->weights;
+	const struct dvsm_fixed_place place = dvsm_fixed_place_rgb(build->model);
 	double largest = 0;
 
 	take_embedding(build, fixed);
-	take_gain(build, w->embed_norm, &fixed->embed_norm);
-	build->stream = build->peak;
-	take_gain(build, w->final_norm, &fixed->final_norm);
-	fixed->to_rgb = take_matrix(build, &w->to_rgb);
+	build->stream = take_gain(build, w->embed_norm, &fixed->embed_norm);
+	take_unit(build);
+	fixed->final_norm = build->unit;
+	fixed->to_rgb = take_matrix(build, &place);
 	if (!filling(build))
 		return;
 	for (size_t j = 0; j < fixed->to_rgb.out; j++)
@@ -347,8 +399,10 @@ static void take_all(struct build *build, struct dvsm_fixed_model *fixed)
 	for (uint32_t i = 0; i < config->layers; i++) {
 		struct dvsm_fixed_block *block = blocks ? &blocks[i] : &scratch;
 
-		take_half(build, &build->model->weights.blocks[i].intra, &block->intra);
-		take_half(build, &build->model->weights.blocks[i].cross, &block->cross);
+		take_half(build, &build->model->weights.blocks[i].intra,
+			  i == 0 ? FINE_BEHIND_ATTENTION : COARSE, &block->intra);
+		take_half(build, &build->model->weights.blocks[i].cross,
+			  i == 0 ? FINE_QUERIES : COARSE, &block->cross);
 	}
 	if (!filling(build))
 		return;
@@ -393,15 +447,15 @@ static enum dvsm_status check(const struct dvsm_model *model, struct dvsm_error 
 				 "the model has a prior of %u features, which this engine does not "
 				 "compute: use a model without one",
 				 config->prior_dim);
-	if (widest > 65536)
+	if (widest > MOST_DEPTH)
 		return dvsm_fail(error, DVSM_UNSUPPORTED,
-				 "precision fixed takes matrices up to 65536 wide, the model has "
+				 "precision fixed takes matrices up to %u wide, the model has "
 				 "one of %zu: use f32",
-				 widest);
+				 MOST_DEPTH, widest);
 	return DVSM_OK;
 }
 
-/* Bytes of the widest matrix in rows, and the longest row. */
+/* Room for the largest matrix: the MLP's, keys and values, or one of the picture's ends. */
 static bool take_scratch(struct build *build)
 {
 	const struct dvsm_model_config *config = &build->model->config;
@@ -410,10 +464,10 @@ static bool take_scratch(struct build *build)
 	size_t longest = hidden > 6 * pixels ? hidden : 6 * pixels;
 	size_t most = longest > 2 * (size_t)config->dim ? longest : 2 * (size_t)config->dim;
 
-	build->row = malloc(longest * sizeof(*build->row));
-	build->gains = malloc(config->dim * sizeof(*build->gains));
+	build->rows = malloc(most * config->dim * sizeof(*build->rows));
 	build->numbers = malloc(most * config->dim);
-	return build->row && build->gains && build->numbers;
+	build->planes = malloc(2 * (hidden + DVSM_FIXED_DEPTH) * (config->dim + DVSM_FIXED_DEPTH));
+	return build->rows && build->numbers && build->planes;
 }
 
 enum dvsm_status dvsm_fixed_model_create(const struct dvsm_model *model,
@@ -444,9 +498,9 @@ enum dvsm_status dvsm_fixed_model_create(const struct dvsm_model *model,
 		status = dvsm_fail(error, DVSM_NO_MEM, "no memory for %zu bytes of int8 weights",
 				   build.arena.used);
 	}
-	free(build.row);
-	free(build.gains);
+	free(build.rows);
 	free(build.numbers);
+	free(build.planes);
 	return status;
 }
 

@@ -9,12 +9,16 @@
 #include "kernels/fixed.h"
 #include "model/model.h"
 
+/** A fine product's input is high + low 2^-DVSM_FIXED_FINE_BITS. */
+#define DVSM_FIXED_FINE_BITS 4
+
 /** W[out][in] in int8 with a scale for each row, and where its products' binary point lies. */
 struct dvsm_fixed_matrix {
 	const int8_t *panels;
 	const int32_t *sums;
 	const int16_t *mantissas, *shifts; /* [out] */
-	size_t out, in, depth;             /* depth: in, padded */
+	size_t out, in, depth;             /* depth: in, padded; twice that when fine */
+	bool fine; /* rows of inputs are two planes side by side, and W beside R(W, 4) */
 };
 
 /** A LayerNorm before a product, with the residual stream's epsilon. */

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "fixed/resample.h"
+#include "fixed/turn.h"
 #include "kernels/fixed_math.h"
 
 /* Rays of a token are q^2 divisions and roots: a few tokens make a task. */
@@ -117,22 +118,23 @@ static void add_planes(const struct dvsm_fixed_run *run, size_t tokens,
 	dvsm_fixed_step_products(run, tokens, &product, 1);
 }
 
-/* x = (256 high + low) scale. */
+/* x = Q (256 high + low) scale. */
 static void stream_task(void *context, size_t index, uint32_t worker)
 {
 	const struct picture_job *job = context;
 	const struct dvsm_fixed_workspace *work = &job->run->work;
 	const size_t dim = job->run->config->dim, depth = dvsm_fixed_pad(dim, DVSM_FIXED_DEPTH);
 	const struct dvsm_fixed_scale scale = work->a_scale[index];
-	int shift = dvsm_fixed_clamp(-(scale.exponent + job->run->model->fraction), 0, 62);
+	int32_t *x = job->x + index * dim;
+	int shift = dvsm_fixed_clamp(
+		dvsm_fixed_turn_stages(dim) - (scale.exponent + job->run->model->fraction), 0, 62);
 
 	(void)worker;
-	for (size_t d = 0; d < dim; d++) {
-		int32_t number = work->a[index * depth + d] * 256 + work->a_low[index * depth + d];
-
-		job->x[index * dim + d] =
-			(int32_t)dvsm_fixed_round((int64_t)number * scale.mantissa, shift);
-	}
+	for (size_t d = 0; d < dim; d++)
+		x[d] = work->a[index * depth + d] * 256 + work->a_low[index * depth + d];
+	dvsm_fixed_turn_integers(x, dim);
+	for (size_t d = 0; d < dim; d++)
+		x[d] = (int32_t)dvsm_fixed_round((int64_t)x[d] * scale.mantissa, shift);
 }
 
 void dvsm_fixed_picture_embed(const struct dvsm_fixed_run *run, const struct dvsm_ray_map *map,
@@ -160,7 +162,7 @@ void dvsm_fixed_picture_embed(const struct dvsm_fixed_run *run, const struct dvs
 		dvsm_pool_run(run->pool, plan->grid.rows, cut_task, &job);
 		add_planes(run, job.count, &model->patch_rgb);
 	}
-	dvsm_fixed_step_norm(run, run->work.sums, job.count, &model->embed_norm, true);
+	dvsm_fixed_step_norm_planes(run, run->work.sums, job.count, &model->embed_norm);
 	dvsm_pool_run(run->pool, job.count, stream_task, &job);
 }
 
@@ -237,7 +239,7 @@ void dvsm_fixed_picture_write(const struct dvsm_fixed_run *run, const struct dvs
 		.width = run->model->to_rgb.out,
 	};
 
-	dvsm_fixed_step_norm(run, x, job.count, &run->model->final_norm, true);
+	dvsm_fixed_step_norm_planes(run, x, job.count, &run->model->final_norm);
 	memset(run->work.sums, 0, job.count * job.width * sizeof(int32_t));
 	add_planes(run, job.count, &run->model->to_rgb);
 	dvsm_pool_run(run->pool, tiles(job.count * job.width, COLOUR_NUMBERS), colour_task, &job);

@@ -41,18 +41,15 @@ static double largest_of(const float *weights, size_t count)
 	return largest;
 }
 
-void dvsm_fixed_unpack_row(const struct dvsm_matrix *matrix, size_t row, float *weights)
+struct dvsm_fixed_scale dvsm_fixed_quantise_row(const double *weights, size_t count,
+						int8_t *numbers)
 {
-	const float *panel =
-		matrix->panels + row / DVSM_PANEL * DVSM_PANEL * matrix->in + row % DVSM_PANEL;
+	double largest = 0;
 
-	for (size_t d = 0; d < matrix->in; d++)
-		weights[d] = panel[d * DVSM_PANEL];
-}
+	for (size_t d = 0; d < count; d++)
+		largest = fabs(weights[d]) > largest ? fabs(weights[d]) : largest;
 
-struct dvsm_fixed_scale dvsm_fixed_quantise_row(const float *weights, size_t count, int8_t *numbers)
-{
-	struct dvsm_fixed_scale scale = dvsm_fixed_scale_above(largest_of(weights, count) / 127);
+	struct dvsm_fixed_scale scale = dvsm_fixed_scale_above(largest / 127);
 	double unit = dvsm_fixed_value(scale);
 
 	for (size_t i = 0; i < count; i++)

@@ -6,7 +6,6 @@
 #include <stdint.h>
 
 #include "kernels/fixed.h"
-#include "kernels/pack.h"
 
 /** A positive number rounded up to 15 bits of mantissa; 0 for 0. */
 struct dvsm_fixed_scale dvsm_fixed_scale_above(double number);
@@ -17,11 +16,8 @@ struct dvsm_fixed_scale dvsm_fixed_scale_near(double number);
 /** The value of a scale. */
 double dvsm_fixed_value(struct dvsm_fixed_scale scale);
 
-/** Row `row` of a matrix as it lies in its panels. */
-void dvsm_fixed_unpack_row(const struct dvsm_matrix *matrix, size_t row, float *weights);
-
 /** A row of weights to -127..127 times the scale. */
-struct dvsm_fixed_scale dvsm_fixed_quantise_row(const float *weights, size_t count,
+struct dvsm_fixed_scale dvsm_fixed_quantise_row(const double *weights, size_t count,
 						int8_t *numbers);
 
 /** A norm's weight as 16-bit gains that share one exponent: weight = gain 2^exponent. */

@@ -11,7 +11,7 @@
 /** D = dim, h = heads, N = tokens of the largest view, q = patch side. */
 struct dvsm_fixed_workspace {
 	int32_t *x;                          /* [tokens][D] residual stream */
-	int8_t *a, *a_low;                   /* [N][widest] input of a product, and its low plane */
+	int8_t *a, *a_low;                   /* [N][widest] inputs of products, or its low plane */
 	struct dvsm_fixed_scale *a_scale;    /* [N] */
 	int16_t *wide;                       /* [N][max(hidden, D)] queries; hidden numbers */
 	int16_t *mixed;                      /* [N][D] attention's output */
@@ -28,6 +28,9 @@ struct dvsm_fixed_workspace {
 
 /** Rows of a task of a product or of attention. */
 #define DVSM_FIXED_TASK_ROWS 64u
+
+/** Rows whose planes a thread's scratch holds. */
+#define DVSM_FIXED_FEW_ROWS 16u
 
 /** What attention to one head needs of a thread's scratch. */
 struct dvsm_fixed_head_scratch {
@@ -83,23 +86,28 @@ static inline void *dvsm_fixed_scratch(const struct dvsm_fixed_run *run, uint32_
 struct dvsm_fixed_then {
 	enum {
 		DVSM_FIXED_NOTHING,
-		DVSM_FIXED_NORM,     /* work.a = LN(x) with gain */
+		DVSM_FIXED_NORM,     /* work.a = LN(x) with gain, as `input` takes it */
 		DVSM_FIXED_KEYS_16,  /* QK-norm of the keys of kv[rows][2D] in place */
-		DVSM_FIXED_QUANTISE, /* to = wide, `dim` numbers a row in units of 2^-fraction */
+		DVSM_FIXED_QUANTISE, /* to = wide, in units of 2^-fraction, as `input` takes it */
 	} what;
+	const struct dvsm_fixed_matrix *input;
 	const int32_t *x;
 	const struct dvsm_fixed_gain *gain;
 	const struct dvsm_fixed_half *half;
 	int16_t *kv;
 	const int16_t *wide;
 	int8_t *to;
-	size_t dim;
 	int fraction;
 };
 
-/** work.a = LN(x[rows][D]) in int8, in two planes when fine. */
+/** work.a = LN(x[rows][D]) as the matrix takes its input. */
 void dvsm_fixed_step_norm(const struct dvsm_fixed_run *run, const int32_t *x, size_t rows,
-			  const struct dvsm_fixed_gain *gain, bool fine);
+			  const struct dvsm_fixed_gain *gain,
+			  const struct dvsm_fixed_matrix *input);
+
+/** The same 256 times finer, the low plane to work.a_low: for a product of each. */
+void dvsm_fixed_step_norm_planes(const struct dvsm_fixed_run *run, const int32_t *x, size_t rows,
+				 const struct dvsm_fixed_gain *gain);
 
 /** A product: c[rows][W.out] = epilogue(a[rows] W^T), rows of c without gap. */
 struct dvsm_fixed_product {

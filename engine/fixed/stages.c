@@ -36,8 +36,9 @@ static void run_block(const struct dvsm_fixed_run *run, struct dvsm_scene *scene
 		int16_t *kv = run->work.kv + first * 2 * dim;
 
 		dvsm_fixed_step_norm(run, run->work.x + first * dim, tokens, &block->intra.norm,
-				     false);
-		dvsm_fixed_block_intra(run, layer, run->work.x + first * dim, tokens, kv);
+				     &block->intra.key_value);
+		dvsm_fixed_block_intra(run, layer, run->work.x + first * dim, tokens, kv,
+				       &block->cross.key_value);
 		dvsm_fixed_block_cross_keys(run, layer, tokens, kv);
 	}
 	dvsm_fixed_step_pack(run, &block->cross, run->work.kv, &cache);
@@ -47,7 +48,7 @@ static void run_block(const struct dvsm_fixed_run *run, struct dvsm_scene *scene
 		size_t first = scene->first_token[v], tokens = scene->first_token[v + 1] - first;
 
 		dvsm_fixed_step_norm(run, run->work.x + first * dim, tokens, &block->cross.norm,
-				     false);
+				     &block->cross.query);
 		dvsm_fixed_block_cross(run, layer, run->work.x + first * dim, tokens, &cache, NULL);
 	}
 }
@@ -77,15 +78,17 @@ void dvsm_fixed_render(const struct dvsm_fixed_run *run, const struct dvsm_scene
 		dvsm_ray_map_prepare(camera, &scene->normalisation, config->patch_px, patch_px);
 
 	dvsm_fixed_picture_embed(run, &map, plan, NULL, run->work.x);
-	dvsm_fixed_step_norm(run, run->work.x, tokens, &run->model->blocks[0].intra.norm, false);
+	dvsm_fixed_step_norm(run, run->work.x, tokens, &run->model->blocks[0].intra.norm,
+			     &run->model->blocks[0].intra.key_value);
 	for (uint32_t layer = 0; layer < config->layers; layer++) {
 		struct dvsm_fixed_layer cache = dvsm_fixed_cache_layer(&scene->fixed, layer);
 		const struct dvsm_fixed_block *next =
 			layer + 1 < config->layers ? &run->model->blocks[layer + 1] : NULL;
 
-		dvsm_fixed_block_intra(run, layer, run->work.x, tokens, run->work.kv);
+		dvsm_fixed_block_intra(run, layer, run->work.x, tokens, run->work.kv,
+				       &run->model->blocks[layer].cross.query);
 		dvsm_fixed_block_cross(run, layer, run->work.x, tokens, &cache,
-				       next ? &next->intra.norm : NULL);
+				       next ? &next->intra : NULL);
 	}
 	dvsm_fixed_picture_write(run, plan, run->work.x, out);
 }

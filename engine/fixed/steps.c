@@ -1,9 +1,11 @@
 #include <string.h>
 
+#include "fixed/fine.h"
 #include "fixed/run.h"
+#include "kernels/fixed_math.h"
 
-/* Tokens that make a task where the work on each is small. */
-#define ROWS_PER_TASK 16u
+/* Tokens that make a task where the work on each is small, or lie in a thread's scratch. */
+#define ROWS_PER_TASK DVSM_FIXED_FEW_ROWS
 
 /* A task of a product or of attention: 64 rows of A stay in the first-level cache while the columns
  * pass by. */
@@ -46,22 +48,78 @@ static void norm_rows(const struct dvsm_fixed_run *run, const int32_t *x,
 	run->kernels->norm(&norm);
 }
 
+/* Both planes of few rows side by side, by way of the scratch. */
+static void norm_few_rows_fine(const struct dvsm_fixed_run *run, const int32_t *x,
+			       const struct dvsm_fixed_gain *gain,
+			       const struct dvsm_fixed_matrix *input, size_t row, size_t rows,
+			       uint32_t worker)
+{
+	const size_t plane = input->depth / 2;
+	int8_t *planes = dvsm_fixed_scratch(run, worker);
+	struct dvsm_fixed_norm norm = {
+		.x = x + row * input->in,
+		.rows = rows,
+		.dim = input->in,
+		.gain = *gain,
+		.fine = true,
+		.high = planes,
+		.low = planes + ROWS_PER_TASK * plane,
+		.out_stride = plane,
+		.a_scale = run->work.a_scale + row,
+	};
+
+	run->kernels->norm(&norm);
+	for (size_t i = 0; i < rows; i++) {
+		dvsm_fixed_fine_join(norm.high + i * plane, norm.low + i * plane, plane,
+				     run->work.a + (row + i) * input->depth);
+		norm.a_scale[i] = dvsm_fixed_shift(norm.a_scale[i], 7);
+	}
+}
+
+static void norm_rows_for(const struct dvsm_fixed_run *run, const int32_t *x,
+			  const struct dvsm_fixed_gain *gain, const struct dvsm_fixed_matrix *input,
+			  size_t row, size_t rows, uint32_t worker)
+{
+	if (!input->fine)
+		norm_rows(run, x, gain, false, row, rows);
+	for (size_t i = 0; input->fine && i < rows; i += ROWS_PER_TASK)
+		norm_few_rows_fine(run, x, gain, input, row + i,
+				   tile_length(rows, ROWS_PER_TASK, i / ROWS_PER_TASK), worker);
+}
+
+static void quantise_rows_fine(const struct dvsm_fixed_run *run, const struct dvsm_fixed_then *then,
+			       size_t row, size_t rows)
+{
+	const struct dvsm_fixed_matrix *input = then->input;
+
+	for (size_t i = row; i < row + rows; i++) {
+		int up = dvsm_fixed_fine_split(then->wide + i * input->in, input->in,
+					       input->depth / 2, then->to + i * input->depth);
+
+		run->work.a_scale[i] =
+			(struct dvsm_fixed_scale){1 << 14, (int16_t)(8 - up - 14 - then->fraction)};
+	}
+}
+
 static void quantise_rows(const struct dvsm_fixed_run *run, const struct dvsm_fixed_then *then,
 			  size_t row, size_t rows)
 {
-	const size_t depth = dvsm_fixed_pad(then->dim, DVSM_FIXED_DEPTH);
+	const size_t dim = then->input->in, depth = then->input->depth;
 	struct dvsm_fixed_quantise quantise = {
-		.x = then->wide + row * then->dim,
-		.x_stride = then->dim,
+		.x = then->wide + row * dim,
+		.x_stride = dim,
 		.rows = rows,
-		.dim = then->dim,
+		.dim = dim,
 		.fraction = then->fraction,
 		.a = then->to + row * depth,
 		.a_stride = depth,
 		.a_scale = run->work.a_scale + row,
 	};
 
-	run->kernels->quantise(&quantise);
+	if (then->input->fine)
+		quantise_rows_fine(run, then, row, rows);
+	else
+		run->kernels->quantise(&quantise);
 }
 
 static void key_rows(const struct dvsm_fixed_run *run, const struct dvsm_fixed_then *then,
@@ -99,7 +157,7 @@ static void expect(const struct dvsm_fixed_run *run, const struct dvsm_fixed_the
 
 /* A task is done with its rows: the last of them goes on. */
 static void arrive(const struct dvsm_fixed_run *run, const struct dvsm_fixed_then *then,
-		   size_t row_tile, size_t rows)
+		   size_t row_tile, size_t rows, uint32_t worker)
 {
 	const size_t row = row_tile * TASK_ROWS;
 
@@ -107,7 +165,7 @@ static void arrive(const struct dvsm_fixed_run *run, const struct dvsm_fixed_the
 	    atomic_fetch_sub_explicit(&run->work.left[row_tile], 1, memory_order_acq_rel) > 1)
 		return;
 	if (then->what == DVSM_FIXED_NORM)
-		norm_rows(run, then->x, then->gain, false, row, rows);
+		norm_rows_for(run, then->x, then->gain, then->input, row, rows, worker);
 	else if (then->what == DVSM_FIXED_KEYS_16)
 		key_rows(run, then, row, rows);
 	else
@@ -120,23 +178,34 @@ struct norm_job {
 	const struct dvsm_fixed_run *run;
 	const int32_t *x;
 	const struct dvsm_fixed_gain *gain;
-	bool fine;
+	const struct dvsm_fixed_matrix *input; /* NULL: two products, a plane each */
 	size_t rows;
 };
 
 static void norm_task(void *context, size_t index, uint32_t worker)
 {
 	const struct norm_job *job = context;
+	const size_t row = index * ROWS_PER_TASK;
+	const size_t rows = tile_length(job->rows, ROWS_PER_TASK, index);
 
-	(void)worker;
-	norm_rows(job->run, job->x, job->gain, job->fine, index * ROWS_PER_TASK,
-		  tile_length(job->rows, ROWS_PER_TASK, index));
+	if (job->input)
+		norm_rows_for(job->run, job->x, job->gain, job->input, row, rows, worker);
+	else
+		norm_rows(job->run, job->x, job->gain, true, row, rows);
 }
 
 void dvsm_fixed_step_norm(const struct dvsm_fixed_run *run, const int32_t *x, size_t rows,
-			  const struct dvsm_fixed_gain *gain, bool fine)
+			  const struct dvsm_fixed_gain *gain, const struct dvsm_fixed_matrix *input)
 {
-	struct norm_job job = {run, x, gain, fine, rows};
+	struct norm_job job = {run, x, gain, input, rows};
+
+	dvsm_pool_run(run->pool, tiles(rows, ROWS_PER_TASK), norm_task, &job);
+}
+
+void dvsm_fixed_step_norm_planes(const struct dvsm_fixed_run *run, const int32_t *x, size_t rows,
+				 const struct dvsm_fixed_gain *gain)
+{
+	struct norm_job job = {run, x, gain, NULL, rows};
 
 	dvsm_pool_run(run->pool, tiles(rows, ROWS_PER_TASK), norm_task, &job);
 }
@@ -178,9 +247,8 @@ static void product_task(void *context, size_t index, uint32_t worker)
 		.fraction = product->fraction,
 	};
 
-	(void)worker;
 	job->run->kernels->gemm(&gemm);
-	arrive(job->run, &product->then, row_tile, gemm.rows);
+	arrive(job->run, &product->then, row_tile, gemm.rows, worker);
 }
 
 void dvsm_fixed_step_products(const struct dvsm_fixed_run *run, size_t rows,
@@ -339,7 +407,7 @@ static void attention_task(void *context, size_t index, uint32_t worker)
 
 	normalise_queries(job, head, row, &scratch, &attention);
 	job->run->kernels->attention(&attention);
-	arrive(job->run, &job->then, row_tile, attention.queries);
+	arrive(job->run, &job->then, row_tile, attention.queries, worker);
 }
 
 void dvsm_fixed_step_attention(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,

@@ -5,23 +5,24 @@ static size_t larger(size_t a, size_t b)
 	return a > b ? a : b;
 }
 
-/* Attention's scratch, or the rows of a picture: wide as the largest map or picture. */
+/* Attention's scratch; two planes of a few rows; the rows of a map or a picture. */
 static size_t scratch_bytes(const struct dvsm_model_config *config,
 			    const struct dvsm_job_size *size)
 {
 	const size_t width = dvsm_fixed_pad(config->dim / config->heads, DVSM_FIXED_HEAD);
 	struct dvsm_fixed_head_scratch attention = dvsm_fixed_head_scratch_place(NULL, width);
+	size_t planes = 2 * DVSM_FIXED_FEW_ROWS * dvsm_fixed_pad(config->dim, DVSM_FIXED_DEPTH);
 
-	return dvsm_fixed_pad(larger(attention.bytes, 2 * size->scratch_bytes), 64);
+	return dvsm_fixed_pad(larger(larger(attention.bytes, planes), 2 * size->scratch_bytes), 64);
 }
 
-/* The widest input of a product, padded: a token, its hidden numbers, its rays. */
-static size_t widest_input(const struct dvsm_model_config *config)
+/* An input of a product, padded: a plane of the rays, or both planes of so many numbers. */
+static size_t input_bytes(const struct dvsm_model_config *config, size_t numbers)
 {
 	size_t rays = 6 * (size_t)config->patch_px * config->patch_px;
-	size_t hidden = (size_t)config->dim * larger(1, config->mlp_ratio);
 
-	return dvsm_fixed_pad(larger(rays, hidden), DVSM_FIXED_DEPTH);
+	return larger(dvsm_fixed_pad(rays, DVSM_FIXED_DEPTH),
+		      2 * dvsm_fixed_pad(numbers, DVSM_FIXED_DEPTH));
 }
 
 static void *take(struct dvsm_arena *arena, size_t rows, size_t width, size_t size)
@@ -57,8 +58,9 @@ struct dvsm_fixed_workspace dvsm_fixed_workspace_place(struct dvsm_arena *arena,
 	struct dvsm_fixed_workspace w = {0};
 
 	w.x = take(arena, size->tokens, dim, sizeof(*w.x));
-	w.a = take(arena, n, widest_input(config), 1);
-	w.a_low = take(arena, n, widest_input(config), 1);
+	/* a_low also holds the hidden numbers, while other tasks still read a. */
+	w.a = take(arena, n, input_bytes(config, dim), 1);
+	w.a_low = take(arena, n, input_bytes(config, dim * larger(1, config->mlp_ratio)), 1);
 	w.a_scale = take(arena, n, 1, sizeof(*w.a_scale));
 	w.wide = take(arena, n, dim * larger(1, config->mlp_ratio), sizeof(*w.wide));
 	w.mixed = take(arena, n, dim, sizeof(*w.mixed));

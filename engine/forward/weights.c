@@ -6,42 +6,85 @@
 
 #include "base/error.h"
 #include "base/memory.h"
+#include "fixed/turn.h"
 #include "forward/arena.h"
 
+/* The walk over all matrices: measures or places, as the arena says. */
+struct walk {
+	struct dvsm_arena arena;
+	const struct dvsm_model *model;
+	bool pairs;
+	double *rows; /* room for the largest matrix of a turned model, or NULL */
+	float *turned_back;
+};
+
+/* A turned matrix as float32 and bfloat16 want it, in panels of its own. */
+static void turn_back(struct walk *walk, const struct dvsm_fixed_place *place,
+		      struct dvsm_matrix *matrix)
+{
+	struct dvsm_fixed_place back = *place;
+	size_t floats = 0;
+
+	if (!dvsm_pack_size(matrix->out, matrix->in, &floats))
+		walk->arena.overflow = true;
+
+	float *panels = dvsm_arena_take(&walk->arena, floats, sizeof(*panels));
+
+	back.matrix = matrix;
+	back.gain = NULL;
+	back.turned = false;
+	if (panels) {
+		dvsm_fixed_turn_matrix(&back, walk->rows);
+		for (size_t i = 0; i < matrix->out * matrix->in; i++)
+			walk->turned_back[i] = (float)walk->rows[i];
+		dvsm_pack_panels(walk->turned_back, matrix->out, matrix->in, panels);
+	}
+	matrix->panels = panels;
+}
+
 /* Room for a matrix's pairs and, where there is memory, the pairs. */
-static void place_matrix(struct dvsm_arena *arena, struct dvsm_matrix *matrix)
+static void place_matrix(struct walk *walk, const struct dvsm_fixed_place *place,
+			 struct dvsm_matrix *matrix)
 {
 	size_t numbers = 0;
 
+	if (place->turned)
+		turn_back(walk, place, matrix);
+	if (!walk->pairs)
+		return;
 	if (!dvsm_bf16_pack_size(matrix->out, matrix->in, &numbers))
-		arena->overflow = true;
+		walk->arena.overflow = true;
 
-	dvsm_bf16 *pairs = dvsm_arena_take(arena, numbers, sizeof(*pairs));
+	dvsm_bf16 *pairs = dvsm_arena_take(&walk->arena, numbers, sizeof(*pairs));
 
 	if (pairs)
 		dvsm_bf16_pack(matrix->panels, matrix->out, matrix->in, pairs);
 	matrix->pairs = pairs;
 }
 
-static void place_half(struct dvsm_arena *arena, struct dvsm_half_weights *half)
+static void place_half(struct walk *walk, struct dvsm_half_weights *half)
 {
-	place_matrix(arena, &half->query);
-	place_matrix(arena, &half->key_value);
-	place_matrix(arena, &half->out);
-	place_matrix(arena, &half->up);
-	place_matrix(arena, &half->down);
+	const struct dvsm_fixed_half_places places = dvsm_fixed_places_of(walk->model, half);
+
+	place_matrix(walk, &places.query, &half->query);
+	place_matrix(walk, &places.key_value, &half->key_value);
+	place_matrix(walk, &places.out, &half->out);
+	place_matrix(walk, &places.up, &half->up);
+	place_matrix(walk, &places.down, &half->down);
 }
 
-/* Walk all matrices: measures or places, as the arena says. */
-static void place(struct dvsm_arena *arena, uint32_t layers, struct dvsm_weights *w)
+static void place(struct walk *walk, struct dvsm_weights *w)
 {
-	place_matrix(arena, &w->patch_ray);
-	place_matrix(arena, &w->patch_rgb);
-	for (uint32_t i = 0; i < layers; i++) {
-		place_half(arena, &w->blocks[i].intra);
-		place_half(arena, &w->blocks[i].cross);
+	const struct dvsm_fixed_place plain = {.turned = false};
+	const struct dvsm_fixed_place rgb = dvsm_fixed_place_rgb(walk->model);
+
+	place_matrix(walk, &plain, &w->patch_ray);
+	place_matrix(walk, &plain, &w->patch_rgb);
+	for (uint32_t i = 0; i < walk->model->config.layers; i++) {
+		place_half(walk, &w->blocks[i].intra);
+		place_half(walk, &w->blocks[i].cross);
 	}
-	place_matrix(arena, &w->to_rgb);
+	place_matrix(walk, &rgb, &w->to_rgb);
 }
 
 /*
@@ -78,33 +121,60 @@ static bool copy_weights(const struct dvsm_model *model, struct dvsm_weights *w)
 	return w->blocks != NULL;
 }
 
+/* Measure, make room, place; false when there is no memory. */
+static bool place_all(struct walk *walk, struct dvsm_engine_weights *weights)
+{
+	struct dvsm_weights measured = weights->w;
+	size_t layers = walk->model->config.layers;
+
+	measured.blocks = malloc(layers * sizeof(*measured.blocks));
+	if (!measured.blocks)
+		return false;
+	memcpy(measured.blocks, weights->w.blocks, layers * sizeof(*measured.blocks));
+	place(walk, &measured);
+	free(measured.blocks);
+	weights->bytes = walk->arena.used;
+	if (!walk->arena.overflow)
+		weights->block = dvsm_aligned_alloc(weights->bytes);
+	if (!weights->block)
+		return false;
+	walk->arena = (struct dvsm_arena){.base = weights->block};
+	place(walk, &weights->w);
+	return true;
+}
+
 enum dvsm_status dvsm_engine_weights_init(const struct dvsm_model *model,
 					  enum dvsm_precision precision,
 					  struct dvsm_engine_weights *weights,
 					  struct dvsm_error *error)
 {
-	struct dvsm_arena arena = {0};
+	const struct dvsm_model_config *config = &model->config;
+	const size_t colours = 3 * (size_t)config->patch_px * config->patch_px;
+	const size_t hidden = (size_t)config->dim * (config->mlp_ratio + 2);
+	const size_t most = (hidden > colours ? hidden : colours) * config->dim;
+	struct walk walk = {.model = model, .pairs = precision == DVSM_PRECISION_BF16};
+	bool made = true;
 
 	memset(weights, 0, sizeof(*weights));
 	if (!copy_weights(model, &weights->w))
 		return dvsm_fail(error, DVSM_NO_MEM, "no memory for an engine");
 	bound_scores(&model->config, &weights->w);
-	if (precision != DVSM_PRECISION_BF16)
-		return DVSM_OK;
-	place(&arena, model->config.layers, &weights->w);
-	if (!arena.overflow)
-		weights->block = arena.base = dvsm_aligned_alloc(arena.used);
-	if (!weights->block) {
-		dvsm_engine_weights_deinit(weights);
-		return dvsm_fail(error, DVSM_NO_MEM,
-				 "no memory for %.1f MB of weights in bf16: use f32, which needs "
-				 "no copy of them",
-				 (double)arena.used / 1e6);
+	if (model->turned) {
+		walk.rows = malloc(most * sizeof(*walk.rows));
+		walk.turned_back = malloc(most * sizeof(*walk.turned_back));
+		made = walk.rows && walk.turned_back;
 	}
-	weights->bytes = arena.used;
-	arena.used = 0;
-	place(&arena, model->config.layers, &weights->w);
-	return DVSM_OK;
+	if (made && (model->turned || walk.pairs))
+		made = place_all(&walk, weights);
+	free(walk.rows);
+	free(walk.turned_back);
+	if (made)
+		return DVSM_OK;
+	dvsm_engine_weights_deinit(weights);
+	return dvsm_fail(error, DVSM_NO_MEM,
+			 "no memory for %.1f MB of weights in %s: use f32 and a model that is not "
+			 "quantised, which needs no copy of them",
+			 (double)walk.arena.used / 1e6, dvsm_precision_name(precision));
 }
 
 void dvsm_engine_weights_deinit(struct dvsm_engine_weights *weights)

@@ -200,7 +200,7 @@ typedef void dvsm_fixed_range_fn(const int16_t *x, size_t x_stride, size_t rows,
 /** How one channel of keys or values becomes int8: R(((x - mean) saturated 2^shift) inverse, 15).
  */
 struct dvsm_fixed_channel {
-	int16_t mean, shift, inverse; /* shift 0..15; inverse 0, or 127..254 */
+	int16_t mean, shift, inverse; /* shift 0..15; inverse 0, or 63..254 */
 };
 
 /**

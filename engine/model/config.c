@@ -144,14 +144,18 @@ static enum dvsm_status check_pose_norm(const struct dvsm_json *json, const char
 }
 
 /* Tensors tell their type themselves; the key keeps builds away that do not know int8. */
-static enum dvsm_status check_quantisation(const struct dvsm_json *json, const char *name,
-					   struct dvsm_error *error)
+static enum dvsm_status get_quantisation(const struct dvsm_json *json, const char *name,
+					 bool *turned, struct dvsm_error *error)
 {
 	const char *text;
 	enum dvsm_status status = get_text(json, name, "quantisation", &text, error);
-	if (status == DVSM_OK && text && strcmp(text, "int8") != 0)
+	if (status != DVSM_OK)
+		return status;
+	*turned = text && strcmp(text, "int8-turned") == 0;
+	if (text && !*turned && strcmp(text, "int8") != 0)
 		return dvsm_fail(error, DVSM_UNSUPPORTED,
-				 "%s: config: quantisation \"%.80s\" is unknown, only int8 is done",
+				 "%s: config: quantisation \"%.80s\" is neither int8 nor "
+				 "int8-turned",
 				 dvsm_name_tail(name), text);
 	return status;
 }
@@ -193,7 +197,8 @@ static enum dvsm_status check_keys(const struct dvsm_json *json, const char *nam
 }
 
 static enum dvsm_status parse(const struct dvsm_json *json, const char *name,
-			      struct dvsm_model_config *config, struct dvsm_error *error)
+			      struct dvsm_model_config *config, bool *turned,
+			      struct dvsm_error *error)
 {
 	enum dvsm_status status = check_keys(json, name, error);
 	if (status == DVSM_OK)
@@ -212,21 +217,22 @@ static enum dvsm_status parse(const struct dvsm_json *json, const char *name,
 	if (status == DVSM_OK)
 		status = check_pose_norm(json, name, error);
 	if (status == DVSM_OK)
-		status = check_quantisation(json, name, error);
+		status = get_quantisation(json, name, turned, error);
 	if (status == DVSM_OK)
 		status = get_prior(json, name, &config->prior_dim, error);
 	return status;
 }
 
 enum dvsm_status dvsm_config_parse(const char *text, const char *name,
-				   struct dvsm_model_config *config, struct dvsm_error *error)
+				   struct dvsm_model_config *config, bool *turned,
+				   struct dvsm_error *error)
 {
 	struct dvsm_json json;
 	enum dvsm_status status = dvsm_config_open(text, name, &json, error);
 	if (status != DVSM_OK)
 		return status;
 	struct dvsm_model_config parsed = {0};
-	status = parse(&json, name, &parsed, error);
+	status = parse(&json, name, &parsed, turned, error);
 	if (status == DVSM_OK)
 		*config = parsed;
 	dvsm_json_deinit(&json);

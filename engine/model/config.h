@@ -8,13 +8,15 @@
 /**
  * Parse and check a configuration (MODEL.md section 6).
  *
- * name   the file, for error texts
+ * name    the file, for error texts
+ * turned  receives whether the weights are those of precision fixed
  *
  * DVSM_BAD_FILE     not JSON; a key missing, of the wrong type or out of range
  * DVSM_UNSUPPORTED  a key, a pose normalisation or an output this build does not know
  */
 enum dvsm_status dvsm_config_parse(const char *text, const char *name,
-				   struct dvsm_model_config *config, struct dvsm_error *error);
+				   struct dvsm_model_config *config, bool *turned,
+				   struct dvsm_error *error);
 
 /** Parse a configuration text to an object; release with dvsm_json_deinit(). */
 enum dvsm_status dvsm_config_open(const char *text, const char *name, struct dvsm_json *json,

@@ -259,13 +259,59 @@ static enum dvsm_status place_weights(const struct dvsm_safetensors *file, struc
 	return place.status;
 }
 
+/* A model that was quantised stands for the one it was made from wherever the bits are the same. */
+static enum dvsm_status keep_source(const struct dvsm_safetensors *file, struct dvsm_model *model,
+				    struct dvsm_error *error)
+{
+	const char *source = dvsm_safetensors_get_metadata(file, "source_sha256");
+	if (!model->turned || !source)
+		source = model->sha256;
+	if (strlen(source) != 64 || strspn(source, "0123456789abcdef") != 64)
+		return dvsm_fail(error, DVSM_BAD_FILE,
+				 "%s: metadata source_sha256 is not 64 lower-case hex digits",
+				 dvsm_name_tail(file->source.name));
+	memcpy(model->source_sha256, source, sizeof(model->source_sha256));
+	return DVSM_OK;
+}
+
+static bool is_one(const float *weights, uint32_t count)
+{
+	uint32_t d = 0;
+
+	while (d < count && weights[d] == 1)
+		d++;
+	return d == count;
+}
+
+/* The matrices of a turned model hold what its norms multiply by. */
+static enum dvsm_status check_turned(const struct dvsm_safetensors *file,
+				     const struct dvsm_model *model, struct dvsm_error *error)
+{
+	const struct dvsm_weights *w = &model->weights;
+	const uint32_t dim = model->config.dim;
+	bool ones = !model->turned || is_one(w->final_norm, dim);
+
+	for (uint32_t i = 0; model->turned && i < model->config.layers; i++)
+		ones = ones && is_one(w->blocks[i].intra.norm, dim) &&
+		       is_one(w->blocks[i].intra.mlp_norm, dim) &&
+		       is_one(w->blocks[i].cross.norm, dim) &&
+		       is_one(w->blocks[i].cross.mlp_norm, dim);
+	if (ones)
+		return DVSM_OK;
+	return dvsm_fail(error, DVSM_BAD_FILE,
+			 "%s: quantisation int8-turned: a norm's weight is not 1: quantise the "
+			 "model again",
+			 dvsm_name_tail(file->source.name));
+}
+
 static enum dvsm_status read_model(struct dvsm_safetensors *file, struct dvsm_model *model,
 				   struct dvsm_error *error)
 {
 	enum dvsm_status status = check_format(file, error);
 	if (status == DVSM_OK)
-		status = dvsm_config_parse(dvsm_safetensors_get_metadata(file, "config"),
-					   file->source.name, &model->config, error);
+		status =
+			dvsm_config_parse(dvsm_safetensors_get_metadata(file, "config"),
+					  file->source.name, &model->config, &model->turned, error);
 	if (status == DVSM_OK)
 		status = check_layer_count(file, model, error);
 	if (status == DVSM_OK)
@@ -274,6 +320,10 @@ static enum dvsm_status read_model(struct dvsm_safetensors *file, struct dvsm_mo
 		status = dvsm_safetensors_load(file, NULL, model->sha256, error);
 	if (status == DVSM_OK)
 		status = dvsm_range_check(file, &model->config, error);
+	if (status == DVSM_OK)
+		status = check_turned(file, model, error);
+	if (status == DVSM_OK)
+		status = keep_source(file, model, error);
 	return status;
 }
 

@@ -5,6 +5,8 @@
 #ifndef DVSM_MODEL_MODEL_H
 #define DVSM_MODEL_MODEL_H
 
+#include <stdbool.h>
+
 #include "dvsm/model.h"
 #include "kernels/pack.h"
 
@@ -43,7 +45,9 @@ struct dvsm_weights {
 
 struct dvsm_model {
 	struct dvsm_model_config config;
-	char sha256[65]; /* of the file's bytes, lower-case hex */
+	char sha256[65];        /* of the file's bytes, lower-case hex */
+	char source_sha256[65]; /* of the file it was quantised from; else as sha256 */
+	bool turned;            /* weights are those of precision fixed: dvsm_model_quantise() */
 	struct dvsm_weights weights;
 	uint64_t weight_count;
 	size_t weight_bytes; /* of `block` */

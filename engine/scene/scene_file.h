@@ -13,7 +13,8 @@
  * In fixed point keys and values lie as attention reads them (kernels/fixed.h), filled up with
  * zeros, and scales stand beside them, each a mantissa and an exponent:
  *
- *   keys, values        I8 [layers, heads, padded tokens, padded dim / heads]
+ *   keys, turned_values I8 [layers, heads, padded tokens, padded dim / heads]; values are turned
+ *                       within their head (fixed/turn.h)
  *   k_scale, v_scale    I16 [layers, dim, 2]
  *   v_mean              I16 [layers, dim]
  */

@@ -130,7 +130,7 @@ static enum dvsm_status find_fixed(struct reading *r, const struct dvsm_tensor *
 		struct dvsm_tensor **tensor;
 	} wanted[] = {
 		{"keys", &i8, 4, cache, &r->keys},
-		{"values", &i8, 4, cache, &r->values},
+		{"turned_values", &i8, 4, cache, &r->values},
 		{"k_scale", &i16, 3, scales, &r->k_scale},
 		{"v_scale", &i16, 3, scales, &r->v_scale},
 		{"v_mean", &i16, 2, scales, &r->v_mean},

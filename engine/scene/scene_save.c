@@ -68,7 +68,8 @@ static void add_cache(const struct dvsm_scene *scene, struct tensors_out *tensor
 		shape[3] = dvsm_fixed_pad(scene->dim / scene->heads, DVSM_FIXED_HEAD);
 	}
 	add(tensors, "keys", dtype, shape, 4, scene->keys);
-	add(tensors, "values", dtype, shape, 4, scene->values);
+	add(tensors, scene->precision == DVSM_PRECISION_FIXED ? "turned_values" : "values", dtype,
+	    shape, 4, scene->values);
 }
 
 static enum dvsm_status write_scene(const struct dvsm_scene *scene, const double *cameras,

@@ -1,0 +1,157 @@
+/* What the fixed-point path does to weights and activations before they are rounded. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "fixed/fine.h"
+#include "fixed/turn.h"
+#include "support/random.h"
+
+enum { MOST = 1024, SEED = 20261129 };
+
+static const size_t counts[] = {1, 2, 3, 4, 9, 36, 64, 128, 256, 384, 768, MOST};
+
+static void turning_twice_gives_back_and_keeps_lengths(void **state)
+{
+	struct support_random random = {SEED};
+
+	(void)state;
+	for (size_t c = 0; c < sizeof(counts) / sizeof(counts[0]); c++) {
+		double x[MOST], y[MOST], before = 0, after = 0;
+
+		for (size_t i = 0; i < counts[c]; i++) {
+			x[i] = y[i] = support_random_unit(&random);
+			before += x[i] * x[i];
+		}
+		dvsm_fixed_turn(y, counts[c], 1);
+		for (size_t i = 0; i < counts[c]; i++)
+			after += y[i] * y[i];
+		assert_true(fabs(after - before) < 1e-12 * before);
+		dvsm_fixed_turn(y, counts[c], 1);
+		for (size_t i = 0; i < counts[c]; i++)
+			assert_true(fabs(y[i] - x[i]) < 1e-13);
+	}
+}
+
+static void equal_numbers_stay_and_an_outlier_is_spread(void **state)
+{
+	double x[256];
+
+	(void)state;
+	for (size_t i = 0; i < 256; i++)
+		x[i] = 3;
+	dvsm_fixed_turn(x, 256, 1);
+	for (size_t i = 0; i < 256; i++)
+		assert_true(x[i] == 3);
+	memset(x, 0, sizeof(x));
+	x[77] = 16;
+	dvsm_fixed_turn(x, 256, 1);
+	for (size_t i = 0; i < 256; i++)
+		assert_true(fabs(x[i]) == 1);
+}
+
+static void vectors_and_integers_turn_alike(void **state)
+{
+	struct support_random random = {SEED};
+
+	(void)state;
+	for (size_t c = 0; c < sizeof(counts) / sizeof(counts[0]); c++) {
+		double x[MOST], wide[3 * MOST];
+		int32_t numbers[MOST];
+
+		for (size_t i = 0; i < counts[c]; i++) {
+			numbers[i] = (int32_t)(support_random_unit(&random) * (1 << 15));
+			x[i] = wide[3 * i + 1] = numbers[i];
+			wide[3 * i] = wide[3 * i + 2] = 1;
+		}
+		dvsm_fixed_turn(x, counts[c], 1);
+		dvsm_fixed_turn(wide, counts[c], 3);
+		dvsm_fixed_turn_integers(numbers, counts[c]);
+		for (size_t i = 0; i < counts[c]; i++) {
+			assert_true(x[i] == wide[3 * i + 1]);
+			assert_true(wide[3 * i] == 1 && wide[3 * i + 2] == 1);
+			assert_true(ldexp(x[i], dvsm_fixed_turn_stages(counts[c])) == numbers[i]);
+		}
+	}
+}
+
+/* Both planes together against the numbers, of any size; every step of 16 bits is one of 256. */
+static void planes_hold_twelve_bits(void **state)
+{
+	struct support_random random = {SEED};
+	int16_t x[100];
+	int8_t planes[2 * 128];
+
+	(void)state;
+	for (int size = 1; size <= 32767; size += size / 3 + 1) {
+		for (size_t i = 0; i < 100; i++)
+			x[i] = (int16_t)floor(support_random_unit(&random) * (float)size);
+		x[37] = (int16_t)size;
+		x[38] = (int16_t)-size;
+		memset(planes, 0x55, sizeof(planes));
+
+		int up = dvsm_fixed_fine_split(x, 100, 128, planes);
+
+		for (size_t i = 0; i < 128; i++) {
+			int number = i < 100 ? x[i] * (1 << up) : 0;
+			int planar = planes[i] * 256 + planes[128 + i] * 16;
+
+			assert_true(abs(number - planar) <= 8);
+			assert_true(planes[i] >= -128 && planes[128 + i] <= 16);
+		}
+	}
+}
+
+static void planes_of_a_norm_are_joined(void **state)
+{
+	int8_t high[64], low[64], planes[128];
+
+	(void)state;
+	for (int first = -(1 << 14); first <= 1 << 14; first += 64) {
+		for (int i = 0; i < 64; i++) {
+			int number = first + i <= 1 << 14 ? first + i : 1 << 14;
+
+			high[i] = (int8_t)((number + 128) >> 8);
+			low[i] = (int8_t)(number - high[i] * 256);
+		}
+		dvsm_fixed_fine_join(high, low, 64, planes);
+		for (int i = 0; i < 64; i++)
+			assert_true(abs(high[i] * 256 + low[i] - planes[i] * 128 -
+					planes[64 + i] * 8) <= 4);
+	}
+}
+
+static void nothing_and_the_most_negative_number_are_split(void **state)
+{
+	const int16_t zeros[4] = {0}, lowest[4] = {INT16_MIN, 0, 0, 0};
+	int8_t planes[128];
+
+	(void)state;
+	dvsm_fixed_fine_split(zeros, 4, 64, planes);
+	for (size_t i = 0; i < 128; i++)
+		assert_int_equal(planes[i], 0);
+	assert_int_equal(dvsm_fixed_fine_split(lowest, 4, 64, planes), 0);
+	assert_int_equal(planes[0], -128);
+	assert_int_equal(planes[64], 0);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(turning_twice_gives_back_and_keeps_lengths),
+		cmocka_unit_test(equal_numbers_stay_and_an_outlier_is_spread),
+		cmocka_unit_test(vectors_and_integers_turn_alike),
+		cmocka_unit_test(planes_hold_twelve_bits),
+		cmocka_unit_test(planes_of_a_norm_are_joined),
+		cmocka_unit_test(nothing_and_the_most_negative_number_are_split),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
