@@ -112,7 +112,8 @@ enum dvsm_status dvsm_reconstruct(struct dvsm_engine *engine, const struct dvsm_
 	cameras = copy_cameras(views, count);
 	if (!cameras)
 		return dvsm_fail(error, DVSM_NO_MEM, "no memory for %u cameras", count);
-	status = dvsm_scene_allocate(&engine->model->config, engine->model->sha256,
+	status = dvsm_scene_allocate(&engine->model->config,
+				     dvsm_scene_model_of(engine->model, engine->precision),
 				     engine->precision, cameras, count, patch_px, &made, error);
 	if (status == DVSM_OK)
 		status = dvsm_engine_reserve(engine, cameras, count, patch_px, error);

@@ -15,11 +15,13 @@ static enum dvsm_status check(const struct dvsm_engine *engine, const struct dvs
 	if (!engine || !scene || !camera)
 		return dvsm_fail(error, DVSM_BAD_ARG,
 				 "render: an engine, a scene and a camera are needed");
-	if (strcmp(scene->model_sha256, engine->model->sha256) != 0)
+	const char *own = dvsm_scene_model_of(engine->model, scene->precision);
+
+	if (strcmp(scene->model_sha256, own) != 0)
 		return dvsm_fail(error, DVSM_MISMATCH,
 				 "the scene was made with model %s, the engine has %s: reconstruct "
 				 "it again",
-				 scene->model_sha256, engine->model->sha256);
+				 scene->model_sha256, own);
 	if (scene->precision != engine->precision)
 		return dvsm_fail(error, DVSM_MISMATCH,
 				 "the scene was made in %s, the engine computes in %s: reconstruct "

@@ -11,6 +11,17 @@
 #include "fixed/cache.h"
 #include "geometry/pose.h"
 #include "kernels/bf16.h"
+#include "model/model.h"
+
+/**
+ * Which model's scenes are a model's own: those with its SHA-256, and in fixed those of the model
+ * it was quantised from, because the bits are the same.
+ */
+static inline const char *dvsm_scene_model_of(const struct dvsm_model *model,
+					      enum dvsm_precision precision)
+{
+	return precision == DVSM_PRECISION_FIXED ? model->source_sha256 : model->sha256;
+}
 
 struct dvsm_scene {
 	uint32_t dim, heads, layers; /* of the model that made it */

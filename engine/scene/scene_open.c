@@ -81,7 +81,7 @@ static enum dvsm_status check_model(const struct reading *r, const struct dvsm_m
 				    struct dvsm_error *error)
 {
 	const struct dvsm_model_config *config = dvsm_model_get_config(model);
-	const char *sha256 = dvsm_model_get_sha256(model);
+	const char *sha256 = dvsm_scene_model_of(model, r->precision);
 	if (strcmp(sha256, r->model_sha256) != 0)
 		return dvsm_fail(error, DVSM_MISMATCH,
 				 "%s: was made with model %s, not with %s: open it with its own "
@@ -352,10 +352,10 @@ static enum dvsm_status read_scene(struct reading *r, const struct dvsm_model *m
 	enum dvsm_status status = read_metadata(r, error);
 	if (status == DVSM_OK)
 		status = read_config(r, error);
-	if (status == DVSM_OK && model)
-		status = check_model(r, model, error);
 	if (status == DVSM_OK)
 		status = find_tensors(r, error);
+	if (status == DVSM_OK && model)
+		status = check_model(r, model, error);
 	if (status == DVSM_OK)
 		status = make_room(r, with_cache, error);
 	if (status == DVSM_OK)

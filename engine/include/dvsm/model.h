@@ -61,7 +61,8 @@ typedef void dvsm_quantise_report_fn(void *context, const char *tensor, double a
 
 /**
  * Write a model in int8 with a scale for each row, as precision fixed makes it of any model: with
- * that precision the file gives the same bits as the model. Other precisions take it too.
+ * that precision the file gives the same bits as the model, and scenes of either open with the
+ * other. Other precisions take it too; their scenes are its own.
  *
  * report   NULL, or called for every matrix
  *

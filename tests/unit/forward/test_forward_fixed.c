@@ -384,6 +384,92 @@ static void a_quantised_file_gives_the_same_bits(void **state)
 	unlink(path);
 }
 
+static struct dvsm_model *quantise_and_open(struct fixture *f)
+{
+	struct dvsm_model *quantised = NULL;
+	char path[512];
+
+	make_file(path, sizeof(path));
+	assert_int_equal(dvsm_model_quantise(f->model, path, NULL, NULL, &f->error), DVSM_OK);
+	assert_int_equal(dvsm_model_open(path, &quantised, &f->error), DVSM_OK);
+	unlink(path);
+	return quantised;
+}
+
+static enum dvsm_status open_saved(struct fixture *f, const struct dvsm_scene *scene,
+				   const struct dvsm_model *model, struct dvsm_scene **read)
+{
+	char path[512];
+
+	make_file(path, sizeof(path));
+	assert_int_equal(dvsm_scene_save(scene, path, &f->error), DVSM_OK);
+
+	enum dvsm_status status = dvsm_scene_open(path, model, read, &f->error);
+
+	unlink(path);
+	return status;
+}
+
+/* In fixed the bits are the same, so a scene of either opens with the other; in f32 they are not.
+ */
+static void a_scene_opens_with_the_quantised_file_and_its_source(void **state)
+{
+	struct fixture *f = *state;
+	struct dvsm_model *own = f->model, *quantised = quantise_and_open(f);
+	const struct dvsm_model *models[2] = {own, quantised};
+	struct hashes hashes[2];
+
+	for (int made = 0; made < 2; made++) {
+		f->model = made ? quantised : own;
+
+		struct dvsm_engine *engine = make_engine(f, DVSM_PRECISION_FIXED, 1, 0);
+		struct dvsm_scene *scene = make_scene(f, engine, 0), *read = NULL;
+
+		assert_int_equal(open_saved(f, scene, models[!made], &read), DVSM_OK);
+		hashes[made] = hash_scene(f, engine, read, 0);
+		dvsm_scene_destroy(read);
+		dvsm_scene_destroy(scene);
+		dvsm_engine_destroy(engine);
+
+		engine = make_engine(f, DVSM_PRECISION_F32, 1, 0);
+		scene = make_scene(f, engine, 0);
+		assert_int_equal(open_saved(f, scene, models[!made], &read), DVSM_MISMATCH);
+		dvsm_scene_destroy(scene);
+		dvsm_engine_destroy(engine);
+	}
+	assert_string_equal(hashes[0].picture, hashes[1].picture);
+	f->model = own;
+	dvsm_model_close(quantised);
+}
+
+/* Its weights are turned; float32 and bfloat16 see them turned back. */
+static void a_quantised_file_renders_in_floats(void **state)
+{
+	static float want[NUMBERS], got[NUMBERS];
+	struct fixture *f = *state;
+	struct dvsm_model *own = f->model, *quantised = quantise_and_open(f);
+
+	for (enum dvsm_precision p = DVSM_PRECISION_F32; p <= DVSM_PRECISION_BF16; p++) {
+		for (int made = 0; made < 2; made++) {
+			f->model = made ? quantised : own;
+
+			struct dvsm_engine *engine = make_engine(f, p, 1, 0);
+			struct dvsm_scene *scene = make_scene(f, engine, 0);
+
+			assert_int_equal(dvsm_render(engine, scene, &f->target, 0,
+						     made ? got : want, NULL, &f->error),
+					 DVSM_OK);
+			dvsm_scene_destroy(scene);
+			dvsm_engine_destroy(engine);
+		}
+		printf("%s of a quantised file is %.1f dB from that of its source\n",
+		       dvsm_precision_name(p), psnr_db(want, got));
+		assert_true(psnr_db(want, got) > 40);
+	}
+	f->model = own;
+	dvsm_model_close(quantised);
+}
+
 /* Far targets have moments that outgrow 14 bits by far; pictures of nothing have no gradient. */
 static void far_targets_and_empty_pictures_are_rendered(void **state)
 {
@@ -417,6 +503,8 @@ int main(void)
 		TEST(a_scene_of_another_precision_is_refused),
 		TEST(a_saved_scene_is_the_same_bits),
 		TEST(a_quantised_file_gives_the_same_bits),
+		TEST(a_scene_opens_with_the_quantised_file_and_its_source),
+		TEST(a_quantised_file_renders_in_floats),
 		TEST(far_targets_and_empty_pictures_are_rendered),
 	};
 
