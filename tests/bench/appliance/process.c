@@ -67,14 +67,17 @@ static uint32_t count_descriptors(pid_t pid)
 
 bool process_sample(pid_t pid, struct process_sample *sample)
 {
-	uint64_t threads;
+	uint64_t threads, anonymous, shared;
 
 	sample->at_s = (double)dio_clock_ns() * 1e-9;
 	sample->descriptors = count_descriptors(pid);
 	if (!read_worked(pid, &sample->worked_s) || sample->descriptors == 0 ||
 	    !read_number(pid, "status", "Threads:", &threads) ||
-	    !read_number(pid, "smaps_rollup", "Pss:", &sample->pss_kib))
+	    !read_number(pid, "smaps_rollup", "Pss:", &sample->pss_kib) ||
+	    !read_number(pid, "smaps_rollup", "Pss_Anon:", &anonymous) ||
+	    !read_number(pid, "smaps_rollup", "Pss_Shmem:", &shared))
 		return false;
+	sample->own_kib = anonymous + shared;
 	sample->threads = (uint32_t)threads;
 	return true;
 }

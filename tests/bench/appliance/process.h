@@ -9,7 +9,8 @@
 struct process_sample {
 	double at_s;      /* CLOCK_MONOTONIC */
 	double worked_s;  /* processor time since it began */
-	uint64_t pss_kib; /* its share of the memory it maps */
+	uint64_t pss_kib; /* its share of the memory it maps, */
+	uint64_t own_kib; /* without program files: those come and go with other programs */
 	uint32_t descriptors, threads;
 };
 
