@@ -52,8 +52,7 @@ class Blocks:
     """All blocks of a network of one shape; holds what the backward pass of the last call needs."""
 
     def __init__(self, library, config, threads, options=0):
-        self.library, self.handle = library, None
-        self.config = config
+        self.library, self.handle, self.calls = library, None, 0
         self.handle = library.create(config.dim, config.heads, config.layers, config.norm_eps,
                                      threads, options)
         if not self.handle:
@@ -78,12 +77,15 @@ class Function(torch.autograd.Function):
         if blocks.library.forward(blocks.handle, addresses(weights), scenes, views, near, asked, far,
                                   context.data_ptr(), targets.data_ptr(), y.data_ptr()) != 0:
             raise MemoryError("dio_blocks_forward: no memory or no threads")
-        ctx.blocks, ctx.weights = blocks, weights
+        blocks.calls += 1
+        ctx.blocks, ctx.call, ctx.weights = blocks, blocks.calls, weights
         ctx.shapes = context.shape, targets.shape
         return y
 
     @staticmethod
     def backward(ctx, dy):
+        if ctx.call != ctx.blocks.calls:
+            raise RuntimeError("the blocks went forward again: only the last call can go back")
         dy = dy.float().contiguous()
         dx = [torch.empty(shape) for shape in ctx.shapes]
         gradients = [torch.empty_like(weight) for weight in ctx.weights]

@@ -45,7 +45,7 @@ def arguments():
     add("--threads", type=int, default=0, help="CPU threads of PyTorch (default: all)")
     add("--data-threads", type=int, default=1)
     add("--compile", action="store_true", help="torch.compile the blocks")
-    add("--plain", action="store_true", help="PyTorch alone, on a CPU that has the blocks in C too")
+    add("--plain", action="store_true", help="PyTorch alone, even where the blocks in C would run")
     add("--gradient-checkpointing", action="store_true")
     add("--vgg", help="torchvision's VGG-19 state dict, for the perceptual loss")
     add("--report-minutes", type=float, default=4, help="held-out figure, curve, sheet, checkpoint")
@@ -344,6 +344,7 @@ def main():
     if args.threads:
         torch.set_num_threads(args.threads)
     if args.compile:
+        args.plain = True
         dvsm.compile_blocks()
     place = Place()
     run = Run(args, recipe, place)
