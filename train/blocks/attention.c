@@ -174,38 +174,139 @@ static void query_sums(const struct attention_shape *shape, const struct attenti
 	}
 }
 
+/* The backward pass of one head at work. */
+struct back {
+	const struct attention_shape *shape;
+	const struct attention_rows *rows;
+	struct attention_scratch *t;
+	const uint16_t *qkv;
+	uint16_t *dqkv;
+	float *dq_norm, *dk_norm;
+	int keys, queries, ld, ldp; /* rounded up; strides of qkv and of shares and slopes */
+	size_t q_at, k_at;          /* where this head's queries and keys begin in qkv */
+};
+
 /* 32 keys x 32 queries: shares of the softmax and slopes of the scores, keys in rows. */
-static void shares_and_slopes(const float *scores, const float *dshares, int keys, int query,
-			      struct attention_scratch *t, int ldp, uint16_t *pairs)
+static void shares_and_slopes(const struct back *w, int key, int query)
 {
+	_Alignas(64) float scores[32 * 32], dshares[32 * 32];
+	struct attention_scratch *t = w->t;
+	const uint16_t *k = t->k + (size_t)key * HEAD, *v = t->v + (size_t)key * HEAD;
+	tiles_zero();
+	tiles_multiply(k, k + 16 * HEAD, HEAD * 2, 64, t->q_columns + (size_t)query * HEAD,
+		       HEAD / 32);
+	tiles_store(scores, 32 * 4);
+	tiles_zero();
+	tiles_multiply(v, v + 16 * HEAD, HEAD * 2, 64, t->g_columns + (size_t)query * HEAD,
+		       HEAD / 32);
+	tiles_store(dshares, 32 * 4);
 	for (int i = 0; i < 32; i++) {
-		uint16_t *share = t->shares + (size_t)i * ldp + query,
-			 *slope = t->slopes + (size_t)i * ldp + query;
+		uint16_t *share = t->shares + (size_t)i * w->ldp + query;
+		uint16_t *slope = t->slopes + (size_t)i * w->ldp + query;
 		for (int j = 0; j < 32; j += 16) {
 			__m512 p = exponential(
 				_mm512_sub_ps(_mm512_load_ps(scores + i * 32 + j),
 					      _mm512_loadu_ps(t->log_sums + query + j)));
-			p = i < keys ? p : _mm512_setzero_ps();
+			p = key + i < w->rows->keys ? p : _mm512_setzero_ps();
 			__m512 d = _mm512_sub_ps(_mm512_load_ps(dshares + i * 32 + j),
 						 _mm512_loadu_ps(t->g_dot_o + query + j));
 			store_bf16_16(share + j, p);
 			store_bf16_16(slope + j, _mm512_mul_ps(p, d));
 		}
 	}
-	pack_pairs(t->slopes + query, ldp, 32, 32, pairs, 32);
+	pack_pairs(t->slopes + query, w->ldp, 32, 32,
+		   t->slope_pairs + (size_t)query * w->keys + (size_t)key * 32, w->keys);
+}
+
+/* out[32][HEAD] = 32 rows of `left` (all queries long) times queries' rows, paired. */
+static void over_queries(const struct back *w, const uint16_t *left, const uint16_t *pairs,
+			 float *out)
+{
+	for (int c = 0; c < HEAD; c += 32) {
+		tiles_zero();
+		tiles_multiply(left, left + (size_t)16 * w->ldp, (long)w->ldp * 2, 64,
+			       pairs + (size_t)c * w->queries, w->queries / 32);
+		tiles_store(out + c, HEAD * 4);
+	}
+}
+
+/* The gradients of 32 keys and values. */
+static void key_block(const struct back *w, int key)
+{
+	_Alignas(64) float dv[32 * HEAD], dk[32 * HEAD];
+	int count = w->rows->keys - key < 32 ? w->rows->keys - key : 32;
+	for (int c = 0; c < w->queries; c += 32) {
+		shares_and_slopes(w, key, c);
+	}
+	over_queries(w, w->t->shares, w->t->g_pairs, dv);
+	over_queries(w, w->t->slopes, w->t->q_pairs, dk);
+	for (int i = 0; i < count; i++) {
+		size_t at = w->k_at + (size_t)(key + i) * w->ld;
+		for (int c = 0; c < HEAD; c += 16) {
+			add_bf16(w->dqkv + at + w->shape->dim + c,
+				 _mm512_load_ps(dv + i * HEAD + c));
+		}
+		norm_head_back(w->qkv + at, dk + i * HEAD, w->shape->k_norm, 1.0f, w->shape->eps,
+			       w->dk_norm, w->dqkv + at);
+	}
+}
+
+/* The gradients of 32 queries: dq^T [HEAD][queries] = k^T slopes^T, then row by row. */
+static void query_block(const struct back *w, int query)
+{
+	_Alignas(64) float columns[HEAD * 32], dq[32 * HEAD];
+	int count = w->rows->queries - query < 32 ? w->rows->queries - query : 32;
+	for (int r = 0; r < HEAD; r += 32) {
+		const uint16_t *a = w->t->k_transposed + (size_t)r * w->keys;
+		tiles_zero();
+		tiles_multiply(a, a + (size_t)16 * w->keys, 64, 1024,
+			       w->t->slope_pairs + (size_t)query * w->keys, w->keys / 32);
+		tiles_store(columns + r * 32, 32 * 4);
+	}
+	for (int r = 0; r < HEAD; r += 16) {
+		for (int j = 0; j < 32; j += 16) {
+			__m512i words[16];
+			for (int i = 0; i < 16; i++) {
+				words[i] = _mm512_load_si512(columns + (r + i) * 32 + j);
+			}
+			transpose16(words);
+			for (int i = 0; i < 16; i++) {
+				_mm512_store_si512(dq + (j + i) * HEAD + r, words[i]);
+			}
+		}
+	}
+	for (int i = 0; i < count; i++) {
+		size_t at = w->q_at + (size_t)(query + i) * w->ld;
+		norm_head_back(w->qkv + at, dq + i * HEAD, w->shape->q_norm, score_scale(),
+			       w->shape->eps, w->dq_norm, w->dqkv + at);
+	}
 }
 
 void attention_backward(const struct attention_shape *shape, const struct attention_rows *rows,
 			const uint16_t *qkv, const uint16_t *attended, const uint16_t *gradient,
 			uint16_t *dqkv, float *dq_norm, float *dk_norm, struct attention_scratch *t)
 {
-	int dim = shape->dim, ld = 3 * dim, keys = round_up32(rows->keys);
-	int queries = round_up32(rows->queries), ldp = queries + 32;
-	size_t q_at = (size_t)rows->query * ld + (size_t)shape->head * HEAD;
-	size_t k_at = (size_t)rows->key * ld + (size_t)dim + (size_t)shape->head * HEAD;
-	norm_head(qkv + q_at, ld, rows->queries, shape->q_norm, score_scale(), shape->eps, t->q);
-	norm_head(qkv + k_at, ld, rows->keys, shape->k_norm, 1.0f, shape->eps, t->k);
-	copy_rows(qkv + k_at + dim, ld, rows->keys, t->v);
+	int dim = shape->dim, ld = 3 * dim;
+	int keys = round_up32(rows->keys), queries = round_up32(rows->queries);
+	struct back work = {
+		.shape = shape,
+		.rows = rows,
+		.t = t,
+		.qkv = qkv,
+		.dqkv = dqkv,
+		.dq_norm = dq_norm,
+		.dk_norm = dk_norm,
+		.keys = keys,
+		.queries = queries,
+		.ld = ld,
+		.ldp = queries + 32,
+		.q_at = (size_t)rows->query * ld + (size_t)shape->head * HEAD,
+		.k_at = (size_t)rows->key * ld + (size_t)dim + (size_t)shape->head * HEAD,
+	};
+	const uint16_t *q = qkv + work.q_at, *k = qkv + work.k_at;
+	norm_head(q, ld, rows->queries, shape->q_norm, score_scale(), shape->eps, t->q);
+	norm_head(k, ld, rows->keys, shape->k_norm, 1.0f, shape->eps, t->k);
+	copy_rows(k + dim, ld, rows->keys, t->v);
 	copy_rows(gradient + (size_t)rows->query * dim + shape->head * HEAD, dim, rows->queries,
 		  t->g);
 	query_sums(shape, rows, attended, t);
@@ -214,73 +315,10 @@ void attention_backward(const struct attention_shape *shape, const struct attent
 	pack_pairs(t->q, HEAD, queries, HEAD, t->q_pairs, queries);
 	pack_pairs(t->g, HEAD, queries, HEAD, t->g_pairs, queries);
 	pack_transposed(t->k, HEAD, keys, HEAD, t->k_transposed, keys);
-	for (int k = 0; k < keys; k += 32) {
-		_Alignas(64) float scores[32 * 32], dshares[32 * 32], out[32 * HEAD];
-		const uint16_t *key = t->k + (size_t)k * HEAD, *value = t->v + (size_t)k * HEAD;
-		for (int c = 0; c < queries; c += 32) {
-			tiles_zero();
-			tiles_multiply(key, key + 16 * HEAD, HEAD * 2, 64,
-				       t->q_columns + (size_t)c * HEAD, HEAD / 32);
-			tiles_store(scores, 32 * 4);
-			tiles_zero();
-			tiles_multiply(value, value + 16 * HEAD, HEAD * 2, 64,
-				       t->g_columns + (size_t)c * HEAD, HEAD / 32);
-			tiles_store(dshares, 32 * 4);
-			shares_and_slopes(scores, dshares, rows->keys - k, c, t, ldp,
-					  t->slope_pairs + (size_t)c * keys + (size_t)k * 32);
-		}
-		int count = rows->keys - k < 32 ? rows->keys - k : 32;
-		for (int c = 0; c < HEAD; c += 32) {
-			tiles_zero();
-			tiles_multiply(t->shares, t->shares + (size_t)16 * ldp, (long)ldp * 2, 64,
-				       t->g_pairs + (size_t)c * queries, queries / 32);
-			tiles_store(out + c, HEAD * 4);
-		}
-		for (int i = 0; i < count; i++) {
-			for (int c = 0; c < HEAD; c += 16) {
-				add_bf16(dqkv + k_at + dim + (size_t)(k + i) * ld + c,
-					 _mm512_load_ps(out + i * HEAD + c));
-			}
-		}
-		for (int c = 0; c < HEAD; c += 32) {
-			tiles_zero();
-			tiles_multiply(t->slopes, t->slopes + (size_t)16 * ldp, (long)ldp * 2, 64,
-				       t->q_pairs + (size_t)c * queries, queries / 32);
-			tiles_store(out + c, HEAD * 4);
-		}
-		for (int i = 0; i < count; i++) {
-			size_t at = k_at + (size_t)(k + i) * ld;
-			norm_head_back(qkv + at, out + i * HEAD, shape->k_norm, 1.0f, shape->eps,
-				       dk_norm, dqkv + at);
-		}
+	for (int i = 0; i < keys; i += 32) {
+		key_block(&work, i);
 	}
-	/* dq^T [HEAD][queries] = k^T slopes^T, then row by row back through QK-norm. */
-	for (int c = 0; c < queries; c += 32) {
-		_Alignas(64) float columns[HEAD * 32], out[32 * HEAD];
-		for (int r = 0; r < HEAD; r += 32) {
-			const uint16_t *a = t->k_transposed + (size_t)r * keys;
-			tiles_zero();
-			tiles_multiply(a, a + (size_t)16 * keys, 64, 1024,
-				       t->slope_pairs + (size_t)c * keys, keys / 32);
-			tiles_store(columns + r * 32, 32 * 4);
-		}
-		for (int r = 0; r < HEAD; r += 16) {
-			for (int j = 0; j < 32; j += 16) {
-				__m512i words[16];
-				for (int i = 0; i < 16; i++) {
-					words[i] = _mm512_load_si512(columns + (r + i) * 32 + j);
-				}
-				transpose16(words);
-				for (int i = 0; i < 16; i++) {
-					_mm512_store_si512(out + (j + i) * HEAD + r, words[i]);
-				}
-			}
-		}
-		int count = rows->queries - c < 32 ? rows->queries - c : 32;
-		for (int i = 0; i < count; i++) {
-			size_t at = q_at + (size_t)(c + i) * ld;
-			norm_head_back(qkv + at, out + i * HEAD, shape->q_norm, score_scale(),
-				       shape->eps, dq_norm, dqkv + at);
-		}
+	for (int i = 0; i < queries; i += 32) {
+		query_block(&work, i);
 	}
 }
