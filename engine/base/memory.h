@@ -16,7 +16,10 @@ bool dvsm_size_add(size_t a, size_t b, size_t *out);
 /** Round up to DVSM_ALIGN; false on overflow. */
 bool dvsm_size_align(size_t size, size_t *out);
 
-/** `size` bytes on a DVSM_ALIGN boundary, or NULL; release with free(). Size 0 gives one line. */
+/**
+ * `size` bytes on a DVSM_ALIGN boundary, or NULL; release with free(). Size 0 gives one line. Some
+ * megabytes come on large pages where the system has them.
+ */
 void *dvsm_aligned_alloc(size_t size);
 
 #endif

@@ -1,59 +1,272 @@
 #include "forward/block.h"
 
-static void project_keys(const struct dvsm_run *run, const struct dvsm_half_weights *weights,
-			 size_t tokens, const struct dvsm_heads *heads, size_t first)
-{
-	float *kv = run->work.wide;
-	size_t width = weights->key_value.out;
+#include <math.h>
 
-	dvsm_step_product(run, run->work.normed, tokens, &weights->key_value, kv, width,
+/* Most tokens of a tile: the hidden numbers of their MLP fit the second-level cache. */
+#define TILE_TOKENS 256u
+
+/* Tokens of one view that one thread takes through a part of the layer. */
+struct tile {
+	size_t view_row, view_tokens; /* of the view: first row in the workspace, tokens */
+	size_t first;                 /* the tile's first token, among the view's */
+	size_t view_token;            /* the view's first token, among all views' */
+	size_t rows;
+};
+
+struct block_job {
+	const struct dvsm_run *run;
+	const struct dvsm_group *group;
+	uint32_t layer;
+	const struct dvsm_heads *cache;
+};
+
+static size_t tokens_of(const struct dvsm_group *group, uint32_t view)
+{
+	return group->first_token[view + 1] - group->first_token[view];
+}
+
+/*
+ * Tokens of a view's tiles. Views are cut into as many as there are threads, or multiples of that,
+ * unless there are enough whole ones to go round: the more rows, the less often weights are read.
+ */
+static size_t tile_size(const struct block_job *job, size_t view_tokens)
+{
+	const size_t threads = dvsm_pool_get_threads(job->run->pool);
+	const size_t step = job->group->views % threads == 0 ? 1 : threads;
+	size_t shares = step;
+
+	while (dvsm_tiles(view_tokens, shares) > TILE_TOKENS)
+		shares += step;
+	return dvsm_group_rows(dvsm_tiles(view_tokens, shares));
+}
+
+static size_t count_tiles(const struct block_job *job)
+{
+	size_t count = 0;
+
+	for (uint32_t v = 0; v < job->group->views; v++) {
+		size_t tokens = tokens_of(job->group, v);
+
+		count += dvsm_tiles(tokens, tile_size(job, tokens));
+	}
+	return count;
+}
+
+static struct tile find_tile(const struct block_job *job, size_t index)
+{
+	size_t row = 0;
+
+	for (uint32_t v = 0;; v++) {
+		size_t tokens = tokens_of(job->group, v), size = tile_size(job, tokens);
+		size_t tiles = dvsm_tiles(tokens, size);
+
+		if (index < tiles)
+			return (struct tile){row, tokens, index * size, job->group->first_token[v],
+					     dvsm_tile_length(tokens, size, index)};
+		index -= tiles;
+		row += dvsm_group_rows(tokens);
+	}
+}
+
+/* ---- a tile's places ---- */
+
+static float *residual(const struct dvsm_run *run, const struct tile *tile)
+{
+	return run->work.x + (tile->view_token + tile->first) * run->model->config.dim;
+}
+
+static void *normed(const struct dvsm_run *run, const struct tile *tile)
+{
+	return dvsm_run_left(run, run->work.normed, tile->view_row + tile->first, 0,
+			     run->model->config.dim);
+}
+
+/* Queries; hidden numbers. */
+static float *wide(const struct dvsm_run *run, const struct tile *tile)
+{
+	return run->work.wide + (tile->view_row + tile->first) * run->work.wide_width;
+}
+
+/* Keys and values, behind the queries. */
+static float *wide_keys(const struct dvsm_run *run, const struct tile *tile)
+{
+	return wide(run, tile) + dvsm_group_rows(tile->rows) * run->model->config.dim;
+}
+
+/* Keys and values of the tile's view. */
+static struct dvsm_heads own_heads(const struct dvsm_run *run, const struct tile *tile)
+{
+	const size_t at = tile->view_row * run->model->config.dim;
+
+	return (struct dvsm_heads){
+		dvsm_run_number(run, run->work.keys, at),
+		dvsm_run_number(run, run->work.values, at),
+		tile->view_tokens,
+	};
+}
+
+/* ---- steps of a tile ---- */
+
+static void norm(const struct dvsm_run *run, const struct tile *tile, const float *weight)
+{
+	run->kernels->layer_norm(residual(run, tile), tile->rows, run->model->config.dim, weight,
+				 (float)run->model->config.norm_eps, normed(run, tile));
+}
+
+/* Keys (with QK-norm) and values of the tile's normed rows to tokens `first` and on of heads. */
+static void project_keys(const struct dvsm_run *run, const struct tile *tile,
+			 const struct dvsm_half_weights *weights, const struct dvsm_heads *heads,
+			 size_t first)
+{
+	const struct dvsm_model_config *config = &run->model->config;
+	const size_t dim = config->dim, head_dim = dim / config->heads;
+	float *kv = wide_keys(run, tile);
+
+	dvsm_rows_product(run, normed(run, tile), tile->rows, &weights->key_value, kv, 2 * dim,
 			  DVSM_EPILOGUE_STORE);
-	dvsm_step_keys(run, kv, width, tokens, weights->k_norm, heads, first);
+	for (size_t h = 0; h < config->heads; h++) {
+		size_t to = (h * heads->total + first) * head_dim;
+
+		run->kernels->key_norm(kv + h * head_dim, 2 * dim, tile->rows, head_dim,
+				       weights->k_norm, (float)config->norm_eps,
+				       dvsm_run_number(run, heads->keys, to), head_dim);
+		run->kernels->convert(kv + dim + h * head_dim, 2 * dim, tile->rows, head_dim,
+				      dvsm_run_number(run, heads->values, to), head_dim);
+	}
 }
 
-/* x += Wo attention(q of what work.normed holds, heads); x += down(GELU(up(LN(x)))). */
-static void attend_and_mix(const struct dvsm_run *run, const struct dvsm_half_weights *weights,
-			   float *x, size_t tokens, const struct dvsm_heads *heads)
+static void project_queries(const struct dvsm_run *run, const struct tile *tile,
+			    const struct dvsm_half_weights *weights)
 {
-	const struct dvsm_workspace *work = &run->work;
-	const size_t dim = run->model->config.dim, hidden = weights->up.out;
-
-	dvsm_step_product(run, work->normed, tokens, &weights->query, work->wide, dim,
-			  DVSM_EPILOGUE_STORE);
-	dvsm_step_attention(run, work->wide, dim, tokens, weights->q_norm, weights->score_bound,
-			    heads, work->normed);
-	dvsm_step_product(run, work->normed, tokens, &weights->out, x, dim, DVSM_EPILOGUE_ADD);
-
-	dvsm_step_norm(run, x, tokens, weights->mlp_norm, work->normed);
-	dvsm_step_product(run, work->normed, tokens, &weights->up, work->wide, hidden,
-			  DVSM_EPILOGUE_GELU);
-	dvsm_step_product(run, work->wide, tokens, &weights->down, x, dim, DVSM_EPILOGUE_ADD);
+	dvsm_rows_product(run, normed(run, tile), tile->rows, &weights->query, wide(run, tile),
+			  run->model->config.dim, DVSM_EPILOGUE_STORE);
 }
 
-void dvsm_block_intra(const struct dvsm_run *run, uint32_t layer, float *x, size_t tokens)
+/* One head's attention for rows first .. first + rows - 1 of the tile, into its normed rows. */
+static void attend_head(const struct dvsm_run *run, const struct tile *tile,
+			const struct dvsm_half_weights *weights, const struct dvsm_heads *heads,
+			size_t head, size_t first, size_t rows, unsigned char *scratch)
 {
-	const struct dvsm_half_weights *weights = &run->weights->blocks[layer].intra;
-	const struct dvsm_heads own = {run->work.keys, run->work.values, tokens};
+	const struct dvsm_model_config *config = &run->model->config;
+	const size_t dim = config->dim, head_dim = dim / config->heads;
+	const size_t base = head * heads->total * head_dim;
+	float *q = (float *)(void *)(scratch + dvsm_attention_scratch(head_dim));
+	const struct dvsm_attention job = {
+		.q = q,
+		.q_stride = head_dim,
+		.queries = rows,
+		.k = dvsm_run_read(run, heads->keys, base),
+		.v = dvsm_run_read(run, heads->values, base),
+		.keys = heads->total,
+		.head_dim = head_dim,
+		.scale = 1.0f / sqrtf((float)head_dim),
+		.out = dvsm_run_left(run, normed(run, tile), first, 0, dim),
+		.out_stride = dim,
+		.scratch = scratch,
+		.out_col = head * head_dim,
+		.bound = weights->score_bound,
+	};
 
-	dvsm_step_norm(run, x, tokens, weights->norm, run->work.normed);
-	project_keys(run, weights, tokens, &own, 0);
-	attend_and_mix(run, weights, x, tokens, &own);
+	run->kernels->query_norm(wide(run, tile) + first * dim + head * head_dim, dim, rows,
+				 head_dim, weights->q_norm, (float)config->norm_eps, q, head_dim);
+	run->kernels->attention(&job);
 }
 
-void dvsm_block_cross_keys(const struct dvsm_run *run, uint32_t layer, const float *x,
-			   size_t tokens, const struct dvsm_heads *heads, size_t first)
+/* x += Wo attention(queries, heads); x += down(GELU(up(LN(x)))). */
+static void attend_and_mix(const struct dvsm_run *run, const struct tile *tile,
+			   const struct dvsm_half_weights *weights, const struct dvsm_heads *heads,
+			   uint32_t worker)
 {
-	const struct dvsm_half_weights *weights = &run->weights->blocks[layer].cross;
+	const size_t dim = run->model->config.dim, most = run->kernels->attention_queries;
 
-	dvsm_step_norm(run, x, tokens, weights->norm, run->work.normed);
-	project_keys(run, weights, tokens, heads, first);
+	for (size_t h = 0; h < run->model->config.heads; h++) {
+		for (size_t i = 0; i < dvsm_tiles(tile->rows, most); i++)
+			attend_head(run, tile, weights, heads, h, i * most,
+				    dvsm_tile_length(tile->rows, most, i),
+				    dvsm_run_scratch(run, worker));
+	}
+	dvsm_rows_product(run, normed(run, tile), tile->rows, &weights->out, residual(run, tile),
+			  dim, DVSM_EPILOGUE_ADD);
+	norm(run, tile, weights->mlp_norm);
+	dvsm_rows_product(run, normed(run, tile), tile->rows, &weights->up, wide(run, tile),
+			  weights->up.out, DVSM_EPILOGUE_GELU);
+	dvsm_rows_product(run, wide(run, tile), tile->rows, &weights->down, residual(run, tile),
+			  dim, DVSM_EPILOGUE_ADD);
 }
 
-void dvsm_block_cross(const struct dvsm_run *run, uint32_t layer, float *x, size_t tokens,
-		      const struct dvsm_heads *heads)
-{
-	const struct dvsm_half_weights *weights = &run->weights->blocks[layer].cross;
+/* ---- parts of the layer ---- */
 
-	dvsm_step_norm(run, x, tokens, weights->norm, run->work.normed);
-	attend_and_mix(run, weights, x, tokens, heads);
+static void keys_task(void *context, size_t index, uint32_t worker)
+{
+	const struct block_job *job = context;
+	const struct dvsm_half_weights *weights = &job->run->weights->blocks[job->layer].intra;
+	const struct tile tile = find_tile(job, index);
+	const struct dvsm_heads own = own_heads(job->run, &tile);
+
+	(void)worker;
+	norm(job->run, &tile, weights->norm);
+	project_keys(job->run, &tile, weights, &own, tile.first);
+	project_queries(job->run, &tile, weights);
+}
+
+static void intra_task(void *context, size_t index, uint32_t worker)
+{
+	const struct block_job *job = context;
+	const struct dvsm_block_weights *weights = &job->run->weights->blocks[job->layer];
+	const struct tile tile = find_tile(job, index);
+	const struct dvsm_heads own = own_heads(job->run, &tile);
+
+	attend_and_mix(job->run, &tile, &weights->intra, &own, worker);
+	norm(job->run, &tile, weights->cross.norm);
+	project_keys(job->run, &tile, &weights->cross, job->cache, tile.view_token + tile.first);
+}
+
+static void cross_task(void *context, size_t index, uint32_t worker)
+{
+	const struct block_job *job = context;
+	const struct dvsm_half_weights *weights = &job->run->weights->blocks[job->layer].cross;
+	const struct tile tile = find_tile(job, index);
+
+	norm(job->run, &tile, weights->norm);
+	project_queries(job->run, &tile, weights);
+	attend_and_mix(job->run, &tile, weights, job->cache, worker);
+}
+
+static void render_task(void *context, size_t index, uint32_t worker)
+{
+	const struct block_job *job = context;
+	const struct dvsm_half_weights *weights = &job->run->weights->blocks[job->layer].intra;
+	const struct tile tile = find_tile(job, index);
+	const struct dvsm_heads own = own_heads(job->run, &tile);
+
+	attend_and_mix(job->run, &tile, weights, &own, worker);
+	cross_task(context, index, worker);
+}
+
+static void run_tiles(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
+		      const struct dvsm_heads *cache, dvsm_task_fn *task)
+{
+	struct block_job job = {run, group, layer, cache};
+
+	dvsm_pool_run(run->pool, count_tiles(&job), task, &job);
+}
+
+void dvsm_block_intra(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
+		      const struct dvsm_heads *cache)
+{
+	run_tiles(run, layer, group, cache, keys_task);
+	run_tiles(run, layer, group, cache, intra_task);
+}
+
+void dvsm_block_cross(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
+		      const struct dvsm_heads *cache)
+{
+	run_tiles(run, layer, group, cache, cross_task);
+}
+
+void dvsm_block_render(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
+		       const struct dvsm_heads *cache)
+{
+	run_tiles(run, layer, group, cache, keys_task);
+	run_tiles(run, layer, group, cache, render_task);
 }

@@ -1,18 +1,34 @@
-/* A block of the transformer (MODEL.md section 4), in the pieces both stages use. Private. */
+/*
+ * A block of the transformer (MODEL.md section 4), in the pieces both stages use. Private.
+ *
+ * Tokens of a view are cut into tiles; one thread takes a tile through as much of the layer as
+ * needs nothing of another's, so that its rows stay in that thread's cache and threads meet only
+ * where keys are shared.
+ */
 #ifndef DVSM_FORWARD_BLOCK_H
 #define DVSM_FORWARD_BLOCK_H
 
 #include "forward/steps.h"
 
-/** Attention within one view, and the MLP behind it: x[tokens][D] is the view's residual stream. */
-void dvsm_block_intra(const struct dvsm_run *run, uint32_t layer, float *x, size_t tokens);
+/** Views that are worked on together, all of whose tokens the workspace has room for. */
+struct dvsm_group {
+	const size_t *first_token; /* [views + 1] in the residual stream */
+	uint32_t views;
+};
 
-/** Cross-view keys and values of one view into heads, whose tokens from `first` on they are. */
-void dvsm_block_cross_keys(const struct dvsm_run *run, uint32_t layer, const float *x,
-			   size_t tokens, const struct dvsm_heads *heads, size_t first);
+/**
+ * Attention within each view, the MLP behind it, and the views' cross-view keys and values into
+ * `cache`, where tokens lie as in the residual stream.
+ */
+void dvsm_block_intra(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
+		      const struct dvsm_heads *cache);
 
-/** Attention to all of `heads`, and the MLP behind it. */
-void dvsm_block_cross(const struct dvsm_run *run, uint32_t layer, float *x, size_t tokens,
-		      const struct dvsm_heads *heads);
+/** Attention to all of `cache`, and the MLP behind it. */
+void dvsm_block_cross(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
+		      const struct dvsm_heads *cache);
+
+/** Both for a target, whose keys no other view wants. */
+void dvsm_block_render(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
+		       const struct dvsm_heads *cache);
 
 #endif

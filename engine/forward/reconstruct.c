@@ -26,6 +26,22 @@ static void embed_views(const struct dvsm_run *run, const struct dvsm_scene *sce
 	}
 }
 
+/* The views from `first` on that are worked on together. */
+static struct dvsm_group group_from(const struct dvsm_scene *scene, uint32_t first)
+{
+	struct dvsm_group group = {scene->first_token + first, 0};
+	size_t rows = 0;
+
+	for (uint32_t v = first; v < scene->views; v++, group.views++) {
+		size_t tokens = scene->first_token[v + 1] - scene->first_token[v];
+
+		if (!dvsm_group_takes(rows, dvsm_group_rows(tokens)))
+			break;
+		rows += dvsm_group_rows(tokens);
+	}
+	return group;
+}
+
 /*
  * One block. Keys and values of every view go straight to the cache; only when all are there can
  * any view attend across. Behind the last block's keys and values nothing is needed any more.
@@ -37,20 +53,17 @@ static void run_block(const struct dvsm_run *run, const struct dvsm_scene *scene
 		dvsm_scene_values(scene, layer, 0),
 		scene->tokens,
 	};
+	struct dvsm_group group;
 
-	for (uint32_t v = 0; v < scene->views; v++) {
-		size_t first = scene->first_token[v], tokens = scene->first_token[v + 1] - first;
-		float *x = run->work.x + first * scene->dim;
-
-		dvsm_block_intra(run, layer, x, tokens);
-		dvsm_block_cross_keys(run, layer, x, tokens, &cache, first);
+	for (uint32_t v = 0; v < scene->views; v += group.views) {
+		group = group_from(scene, v);
+		dvsm_block_intra(run, layer, &group, &cache);
 	}
 	if (layer + 1 == scene->layers)
 		return;
-	for (uint32_t v = 0; v < scene->views; v++) {
-		size_t first = scene->first_token[v], tokens = scene->first_token[v + 1] - first;
-
-		dvsm_block_cross(run, layer, run->work.x + first * scene->dim, tokens, &cache);
+	for (uint32_t v = 0; v < scene->views; v += group.views) {
+		group = group_from(scene, v);
+		dvsm_block_cross(run, layer, &group, &cache);
 	}
 }
 

@@ -55,6 +55,9 @@ static void run_stage(struct dvsm_engine *engine, const struct dvsm_scene *scene
 	struct dvsm_ray_map map =
 		dvsm_ray_map_prepare(camera, &scene->normalisation, config->patch_px, patch_px);
 
+	const size_t first_token[] = {0, tokens};
+	const struct dvsm_group group = {first_token, 1};
+
 	dvsm_picture_embed(&run, &map, plan, NULL, run.work.x);
 	for (uint32_t layer = 0; layer < config->layers; layer++) {
 		const struct dvsm_heads cache = {
@@ -63,8 +66,7 @@ static void run_stage(struct dvsm_engine *engine, const struct dvsm_scene *scene
 			scene->tokens,
 		};
 
-		dvsm_block_intra(&run, layer, run.work.x, tokens);
-		dvsm_block_cross(&run, layer, run.work.x, tokens, &cache);
+		dvsm_block_render(&run, layer, &group, &cache);
 	}
 	dvsm_picture_write(&run, plan, run.work.x, out);
 }

@@ -47,24 +47,10 @@ void dvsm_step_product(const struct dvsm_run *run, const void *a, size_t rows,
 		       const struct dvsm_matrix *w, void *c, size_t c_stride,
 		       enum dvsm_epilogue epilogue);
 
-/**
- * Keys (with QK-norm) and values of some tokens into their heads.
- *
- * kv      [rows] of D keys and D values, kv_stride apart
- * first   where in `heads` the first of the tokens belongs
- */
-void dvsm_step_keys(const struct dvsm_run *run, const float *kv, size_t kv_stride, size_t rows,
-		    const float *k_norm, const struct dvsm_heads *heads, size_t first);
-
-/**
- * out[rows][D], left side, = attention of q (rows of D, q_stride apart), after QK-norm with q_norm,
- * to all of `heads`.
- *
- * bound   none of the scores is larger, in powers of 2; 0 where that is not known
- */
-void dvsm_step_attention(const struct dvsm_run *run, const float *q, size_t q_stride, size_t rows,
-			 const float *q_norm, float bound, const struct dvsm_heads *heads,
-			 void *out);
+/** The same by the calling thread alone. */
+void dvsm_rows_product(const struct dvsm_run *run, const void *a, size_t rows,
+		       const struct dvsm_matrix *w, void *c, size_t c_stride,
+		       enum dvsm_epilogue epilogue);
 
 /** The scratch of one thread: work.scratch_stride bytes. */
 static inline void *dvsm_run_scratch(const struct dvsm_run *run, uint32_t worker)

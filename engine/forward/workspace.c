@@ -19,6 +19,8 @@ struct dvsm_job_size dvsm_job_size_of(const struct dvsm_model_config *config,
 		.threads = threads,
 	};
 
+	size_t group = 0;
+
 	/* At most 65536 views of 16384^2 tokens: the sum stays below 2^44. */
 	for (uint32_t i = 0; i < count; i++) {
 		struct dvsm_patch_plan plan = dvsm_patch_plan_make(
@@ -27,6 +29,9 @@ struct dvsm_job_size dvsm_job_size_of(const struct dvsm_model_config *config,
 
 		size.tokens += tokens;
 		size.view_tokens = larger(size.view_tokens, tokens);
+		group = dvsm_group_takes(group, dvsm_group_rows(tokens)) ? group : 0;
+		group += dvsm_group_rows(tokens);
+		size.group_rows = larger(size.group_rows, group);
 		/* Rows of a picture: one being mixed, one that becomes bytes. */
 		size_t rows = plan.scratch_bytes + 3 * (size_t)cameras[i].width * sizeof(float);
 
@@ -48,41 +53,27 @@ static void *take_left(struct dvsm_arena *arena, const struct dvsm_kernels *kern
 				       kernels->number_bytes);
 }
 
-/* Floats [rows][width] or a left side of `hidden` numbers, whichever is larger. */
-static void *take_wide(struct dvsm_arena *arena, const struct dvsm_kernels *kernels, size_t rows,
-		       size_t width, size_t hidden)
-{
-	struct dvsm_arena floats = *arena, left = *arena;
-	void *place = dvsm_arena_take_floats(&floats, rows, width);
-
-	(void)take_left(&left, kernels, rows, hidden);
-	*arena = floats;
-	arena->used = larger(floats.used, left.used);
-	arena->overflow = floats.overflow || left.overflow;
-	return place;
-}
-
 struct dvsm_workspace dvsm_workspace_place(struct dvsm_arena *arena,
 					   const struct dvsm_model_config *config,
 					   const struct dvsm_job_size *size,
 					   const struct dvsm_kernels *kernels)
 {
 	const size_t number_bytes = kernels->number_bytes;
-	const size_t dim = config->dim, n = size->view_tokens;
+	const size_t dim = config->dim, n = size->view_tokens, g = size->group_rows;
 	const size_t area = (size_t)config->patch_px * config->patch_px;
 	struct dvsm_workspace w = {0};
 
 	/* Patches, attention inputs and MLP hidden numbers are never needed together. */
-	w.wide_width = larger(larger(3, config->mlp_ratio) * dim, 6 * area);
+	w.wide_width = dvsm_group_rows(larger(larger(3, config->mlp_ratio) * dim, 6 * area));
 	w.scratch_stride = (size->scratch_bytes + 63) / 64 * 64;
 	w.x = dvsm_arena_take_floats(arena, size->tokens, dim);
-	w.normed = take_left(arena, kernels, n, dim);
-	w.wide = take_wide(arena, kernels, n, w.wide_width, config->mlp_ratio * dim);
+	w.normed = take_left(arena, kernels, g, dim);
+	w.wide = dvsm_arena_take_floats(arena, g, w.wide_width);
 	w.patches = w.wide;
 	if (number_bytes != sizeof(float))
 		w.patches = take_left(arena, kernels, n, 6 * area);
-	w.keys = dvsm_arena_take(arena, n, dim * number_bytes);
-	w.values = dvsm_arena_take(arena, n, dim * number_bytes);
+	w.keys = dvsm_arena_take(arena, g, dim * number_bytes);
+	w.values = dvsm_arena_take(arena, g, dim * number_bytes);
 	w.scratch = dvsm_arena_take(arena, size->threads, w.scratch_stride);
 	return w;
 }

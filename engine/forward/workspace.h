@@ -8,23 +8,39 @@
 
 struct dvsm_kernels;
 
+/** Most rows of a group of more than one view. */
+#define DVSM_GROUP_ROWS 2048u
+
 /** What a run needs room for. */
 struct dvsm_job_size {
 	size_t tokens;        /* of all pictures together: the residual stream */
-	size_t view_tokens;   /* of the largest picture: everything else is done a view at a time */
+	size_t view_tokens;   /* of the largest picture */
+	size_t group_rows;    /* of the views that are worked on together: dvsm_group_rows() each */
 	size_t scratch_bytes; /* of each thread */
 	uint32_t threads;
 };
 
-/** D = dim, h = heads, N = view_tokens. */
+/** Rows that the tokens of a view take in what a group's views share: whole steps of 32. */
+static inline size_t dvsm_group_rows(size_t tokens)
+{
+	return (tokens + 31) / 32 * 32;
+}
+
+/** Whether a group of `rows` takes another view, of `more` rows, in. */
+static inline bool dvsm_group_takes(size_t rows, size_t more)
+{
+	return rows == 0 || rows + more <= DVSM_GROUP_ROWS;
+}
+
+/** D = dim, h = heads, N = view_tokens, G = group_rows. */
 struct dvsm_workspace {
 	float *x;     /* [tokens][D] residual stream */
-	void *normed; /* left side [N][D]: input of a product, then attention's output */
-	float *wide;  /* [N][wide_width] patches; q, k, v; MLP hidden (left side); output patches */
+	void *normed; /* left side [G][D]: input of a product, then attention's output */
+	float *wide;  /* [G][wide_width] patches; q, k, v; MLP hidden (left side); output patches */
 	size_t wide_width;
 	void *patches;          /* left side [N][6 q q]: `wide` itself where numbers are floats */
-	void *keys;             /* numbers [h][N][D/h] of the view at hand */
-	void *values;           /* numbers [h][N][D/h] */
+	void *keys;             /* numbers [G][D]: [h][tokens][D/h] of each view */
+	void *values;           /* the same */
 	unsigned char *scratch; /* [threads][scratch_stride] */
 	size_t scratch_stride;
 };

@@ -6,16 +6,27 @@
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/error.h"
+#include "base/memory.h"
 
-/* Polls before a thread sleeps: about ten microseconds, the gap between two jobs of a layer. */
-#define SPINS 300
+/*
+ * Polls before a thread sleeps: some ten microseconds, the gap between two jobs of a layer. To wake
+ * a processor that sleeps takes as long as a task, more where it is a virtual one; so a worker
+ * whose part of a job is done polls on until the others' are, and the caller for about a
+ * millisecond, but both let whoever else wants the processor have it now and then.
+ */
+#define SPINS        1000
+#define CALLER_SPINS 20000
+#define YIELD_EVERY  64
 
 struct worker {
 	struct dvsm_pool *pool;
 	pthread_t thread;
 	uint32_t index;
+	_Alignas(64) _Atomic size_t next; /* task to claim of its own part of the job */
+	size_t end;
 };
 
 struct dvsm_pool {
@@ -31,12 +42,11 @@ struct dvsm_pool {
 	 */
 	dvsm_task_fn *task;
 	void *context;
-	size_t count;
-	bool open, stop;
+	bool stop;
+	_Atomic bool open; /* changed under the mutex; workers that wait poll it */
 	uint32_t sleepers;
 
 	_Atomic uint64_t generation; /* of the job; workers poll it */
-	_Atomic size_t next;         /* task to claim */
 	_Atomic uint32_t inside;     /* workers in the job; the caller polls it */
 
 	struct worker workers[];
@@ -82,15 +92,32 @@ static inline void relax(void)
 #endif
 }
 
-static void take_tasks(struct dvsm_pool *pool, dvsm_task_fn *task, void *context, size_t count,
-		       uint32_t worker)
+/* Cut the job's tasks into a part for each thread. */
+static void share_out(struct dvsm_pool *pool, size_t count)
 {
-	for (;;) {
-		size_t index = atomic_fetch_add_explicit(&pool->next, 1, memory_order_relaxed);
+	for (uint32_t i = 0; i < pool->threads; i++) {
+		size_t share = count / pool->threads, rest = count % pool->threads;
+		size_t first = i * share + (i < rest ? i : rest);
 
-		if (index >= count)
-			return;
-		task(context, index, worker);
+		atomic_store_explicit(&pool->workers[i].next, first, memory_order_relaxed);
+		pool->workers[i].end = first + share + (i < rest);
+	}
+}
+
+/* A thread's own part, then what is left of the others'. */
+static void take_tasks(struct dvsm_pool *pool, dvsm_task_fn *task, void *context, uint32_t worker)
+{
+	for (uint32_t i = 0; i < pool->threads; i++) {
+		struct worker *from = &pool->workers[(worker + i) % pool->threads];
+
+		for (;;) {
+			size_t index =
+				atomic_fetch_add_explicit(&from->next, 1, memory_order_relaxed);
+
+			if (index >= from->end)
+				break;
+			task(context, index, worker);
+		}
 	}
 }
 
@@ -98,9 +125,13 @@ static void take_tasks(struct dvsm_pool *pool, dvsm_task_fn *task, void *context
 static void wait_for_job(struct dvsm_pool *pool, uint64_t seen)
 {
 	pthread_mutex_unlock(&pool->mutex);
-	for (int i = 0; i < SPINS; i++) {
+	for (uint32_t polls = 1, idle = 0; idle < SPINS; polls++) {
 		if (atomic_load_explicit(&pool->generation, memory_order_relaxed) != seen)
 			break;
+		if (!atomic_load_explicit(&pool->open, memory_order_relaxed))
+			idle++;
+		else if (polls % YIELD_EVERY == 0)
+			sched_yield();
 		relax();
 	}
 	pthread_mutex_lock(&pool->mutex);
@@ -123,16 +154,15 @@ static void *worker_main(void *argument)
 		seen = atomic_load_explicit(&pool->generation, memory_order_relaxed);
 		if (pool->stop)
 			break;
-		if (!pool->open)
+		if (!atomic_load_explicit(&pool->open, memory_order_relaxed))
 			continue;
 		atomic_fetch_add_explicit(&pool->inside, 1, memory_order_relaxed);
 
 		dvsm_task_fn *task = pool->task;
 		void *context = pool->context;
-		size_t count = pool->count;
 
 		pthread_mutex_unlock(&pool->mutex);
-		take_tasks(pool, task, context, count, worker->index);
+		take_tasks(pool, task, context, worker->index);
 		pthread_mutex_lock(&pool->mutex);
 		if (atomic_fetch_sub_explicit(&pool->inside, 1, memory_order_release) == 1)
 			pthread_cond_signal(&pool->idle);
@@ -159,20 +189,21 @@ void dvsm_pool_run(struct dvsm_pool *pool, size_t count, dvsm_task_fn *task, voi
 	pthread_mutex_lock(&pool->mutex);
 	pool->task = task;
 	pool->context = context;
-	pool->count = count;
-	pool->open = true;
-	atomic_store_explicit(&pool->next, 0, memory_order_relaxed);
+	atomic_store_explicit(&pool->open, true, memory_order_relaxed);
+	share_out(pool, count);
 	next_generation(pool);
 	pthread_mutex_unlock(&pool->mutex);
 
-	take_tasks(pool, task, context, count, 0);
+	take_tasks(pool, task, context, 0);
 
 	pthread_mutex_lock(&pool->mutex);
-	pool->open = false;
+	atomic_store_explicit(&pool->open, false, memory_order_relaxed);
 	pthread_mutex_unlock(&pool->mutex);
-	for (int i = 0; i < SPINS; i++) {
+	for (int i = 1; i <= CALLER_SPINS; i++) {
 		if (atomic_load_explicit(&pool->inside, memory_order_acquire) == 0)
 			return;
+		if (i % YIELD_EVERY == 0)
+			sched_yield();
 		relax();
 	}
 	pthread_mutex_lock(&pool->mutex);
@@ -240,10 +271,12 @@ enum dvsm_status dvsm_pool_create(uint32_t threads, struct dvsm_pool **pool,
 		return dvsm_fail(error, DVSM_BAD_ARG, "%u threads: 1 to %u are possible", threads,
 				 DVSM_MAX_THREADS);
 
-	struct dvsm_pool *made = calloc(1, sizeof(*made) + threads * sizeof(made->workers[0]));
+	const size_t bytes = sizeof(struct dvsm_pool) + threads * sizeof(struct worker);
+	struct dvsm_pool *made = dvsm_aligned_alloc(bytes);
 
 	if (!made)
 		return dvsm_fail(error, DVSM_NO_MEM, "no memory for a pool of %u threads", threads);
+	memset(made, 0, bytes);
 	made->threads = threads;
 	pthread_mutex_init(&made->mutex, NULL);
 	pthread_cond_init(&made->wake, NULL);

@@ -1,10 +1,12 @@
 /*
  * A fixed set of threads that share the tasks of one job at a time. Private to the engine.
  *
- * Tasks are claimed one by one from a counter, so a thread that the system took off its core delays
- * only the task in its hands; which thread runs a task must not change the task's result. An idle
- * thread polls for some ten microseconds - the gap between two jobs of a layer - and then sleeps.
- * A pool as large as the machine has each of its own threads on a processor of its own.
+ * A thread has its own run of a job's tasks, the same in every job of as many tasks, so that what
+ * it wrote in one it finds in its cache in the next; when that is done it claims what others have
+ * left, so a thread that the system took off its core delays only the task in its hands. Which
+ * thread runs a task must not change the task's result. A thread polls until a job is done
+ * and for some ten microseconds more, then it sleeps. A pool as large as the machine has each of its own threads on a
+ * processor of its own.
  */
 #ifndef DVSM_THREADS_POOL_H
 #define DVSM_THREADS_POOL_H
