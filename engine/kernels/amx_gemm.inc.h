@@ -236,7 +236,7 @@ DVSM_INLINE void multiply_panels(const struct product *p, size_t col, struct blo
 			.stream = steps * DEPTH <= STRETCH,
 		};
 
-		if (depth > 0 && block->waits && epilogue == DVSM_EPILOGUE_STORE) {
+		if (depth == most && block->waits && epilogue == DVSM_EPILOGUE_STORE) {
 			/* The block before is still of the first stretch. */
 			for (size_t row = 0; row < BLOCK; row++)
 				finish_row(p, block, row, epilogue);

@@ -241,6 +241,29 @@ static void products_agree_for_every_shape_and_epilogue(void **state)
 	}
 }
 
+static void products_agree_for_depths_that_no_cache_holds(void **state)
+{
+	static const size_t depths[] = {383, 384, 385, 768, 1152, 1185, 1536},
+			    sizes[] = {31, 64, 97};
+
+	(void)state;
+	for (size_t t = 0; t < tier_count; t++) {
+		for (int round = 0; round < 12; round++) {
+			struct gemm_shape shape = {
+				.rows = sizes[support_random_below(&rng, COUNT(sizes))],
+				.cols = sizes[support_random_below(&rng, COUNT(sizes))],
+				.depth = depths[support_random_below(&rng, COUNT(depths))],
+				.epilogue = (enum dvsm_epilogue)(round % 3),
+				.scale = 1.0f,
+			};
+
+			shape.a_stride = shape.depth;
+			shape.c_stride = shape.cols;
+			check_gemm(tiers[t], &shape);
+		}
+	}
+}
+
 static void one_row_alone_gives_the_same_bits_as_in_a_tile(void **state)
 {
 	enum { ROWS = 37, COLS = 64, DEPTH = 97, STRIPS = 3 };
@@ -566,6 +589,7 @@ int main(void)
 		cmocka_unit_test(rounding_is_to_nearest_and_ties_go_to_even),
 		cmocka_unit_test(panels_hold_pairs_of_depth_with_zeros_behind),
 		cmocka_unit_test(products_agree_for_every_shape_and_epilogue),
+		cmocka_unit_test(products_agree_for_depths_that_no_cache_holds),
 		cmocka_unit_test(one_row_alone_gives_the_same_bits_as_in_a_tile),
 		cmocka_unit_test(norms_to_numbers_agree_for_every_width_and_stride),
 		cmocka_unit_test(attention_agrees_for_every_shape),
