@@ -10,7 +10,7 @@
 /* A task of a product or of attention: 64 rows of A stay in the first-level cache while the columns
  * pass by. */
 #define TASK_ROWS DVSM_FIXED_TASK_ROWS
-#define TASK_COLS 128u
+#define TASK_COLS 192u
 
 _Static_assert(TASK_ROWS <= DVSM_FIXED_QUERIES, "attention takes the rows of a task at once");
 

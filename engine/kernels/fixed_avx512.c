@@ -16,13 +16,17 @@ static inline __m512i round_lanes(__m512i a, int s)
 	return _mm512_srai_epi32(_mm512_add_epi32(a, one), 1);
 }
 
-/* sum + a^2 of 32-bit lanes, in 64-bit ones. */
-static inline __m512i add_squares(__m512i sum, __m512i a)
+/* Products of numbers of 16 bits in 32-bit lanes; b's upper halves are 0. */
+static inline __m512i multiply_words(__m512i a, __m512i b)
 {
-	__m512i odd = odd_lanes(a);
+	return _mm512_madd_epi16(a, b);
+}
 
-	sum = _mm512_add_epi64(sum, _mm512_mul_epi32(a, a));
-	return _mm512_add_epi64(sum, _mm512_mul_epi32(odd, odd));
+/* sum + a, of which a is unsigned 32-bit lanes and the sum 64-bit ones. */
+static inline __m512i add_wide(__m512i sum, __m512i a)
+{
+	sum = _mm512_add_epi64(sum, _mm512_and_si512(a, _mm512_set1_epi64(0xffffffff)));
+	return _mm512_add_epi64(sum, odd_lanes(a));
 }
 
 /* dvsm_fixed_narrow_shift() */
@@ -36,6 +40,12 @@ static inline __m512i load_s16(const int16_t *p, __mmask16 lanes)
 	return _mm512_cvtepi16_epi32(_mm256_maskz_loadu_epi16(lanes, p));
 }
 
+/* As multiply_words() takes its second numbers. */
+static inline __m512i load_words(const int16_t *p, __mmask16 lanes)
+{
+	return _mm512_cvtepu16_epi32(_mm256_maskz_loadu_epi16(lanes, p));
+}
+
 /* ---- LayerNorm ---- */
 
 struct row_norm {
@@ -45,16 +55,29 @@ struct row_norm {
 	uint64_t squares;
 };
 
-static uint32_t largest_s32(const int32_t *x, size_t dim)
+struct extent {
+	int32_t low, high;
+};
+
+static struct extent extent_of(const int32_t *x, size_t dim)
 {
-	__m512i largest = _mm512_setzero_si512();
+	__m512i low = _mm512_set1_epi32(INT32_MAX), high = _mm512_set1_epi32(INT32_MIN);
 
 	for (size_t d = 0; d < dim; d += 16) {
-		__m512i a = _mm512_maskz_loadu_epi32(first_lanes(dim - d), x + d);
+		__mmask16 lanes = first_lanes(dim - d);
+		__m512i a = _mm512_maskz_loadu_epi32(lanes, x + d);
 
-		largest = _mm512_max_epu32(largest, _mm512_abs_epi32(a));
+		low = _mm512_mask_min_epi32(low, lanes, low, a);
+		high = _mm512_mask_max_epi32(high, lanes, high, a);
 	}
-	return _mm512_reduce_max_epu32(largest);
+	return (struct extent){_mm512_reduce_min_epi32(low), _mm512_reduce_max_epi32(high)};
+}
+
+static uint32_t larger_size(int32_t low, int32_t high)
+{
+	uint32_t below = low < 0 ? 0u - (uint32_t)low : 0, above = high > 0 ? (uint32_t)high : 0;
+
+	return below > above ? below : above;
 }
 
 /* x' of each number is below 2^30 / dim: their sum fits a lane. */
@@ -86,26 +109,26 @@ static struct row_norm measure_row(const int32_t *x, size_t dim,
 				   const struct dvsm_fixed_gain *weights)
 {
 	struct row_norm row = {0};
+	const struct extent extent = extent_of(x, dim);
+	const __m512i low_word = _mm512_set1_epi32(0xffff);
 	__m512i largest = _mm512_setzero_si512(), squares = largest;
-	int excess = dvsm_fixed_bits(largest_s32(x, dim)) - (30 - dvsm_fixed_log2_up(dim));
+	int excess = dvsm_fixed_bits(larger_size(extent.low, extent.high)) -
+		     (30 - dvsm_fixed_log2_up(dim));
 
 	row.first = excess > 0 ? excess : 0;
 	row.mean = mean_of(x, dim, row.first);
-	for (size_t d = 0; d < dim; d += 16) {
-		__m512i c = centred(&row, x + d, first_lanes(dim - d));
-
-		largest = _mm512_max_epu32(largest, _mm512_abs_epi32(c));
-	}
-	excess = dvsm_fixed_bits(_mm512_reduce_max_epu32(largest)) - 14;
+	/* c' rises with x: the ends of x are its ends. */
+	excess = dvsm_fixed_bits(larger_size(
+			 (int32_t)dvsm_fixed_round(extent.low, row.first) - row.mean,
+			 (int32_t)dvsm_fixed_round(extent.high, row.first) - row.mean)) -
+		 14;
 	row.second = excess > 0 ? excess : 0;
-
-	largest = _mm512_setzero_si512();
 	for (size_t d = 0; d < dim; d += 16) {
 		__mmask16 lanes = first_lanes(dim - d);
 		__m512i c = round_lanes(centred(&row, x + d, lanes), row.second);
-		__m512i y = _mm512_mullo_epi32(c, load_s16(weights->gain + d, lanes));
+		__m512i y = multiply_words(c, load_words(weights->gain + d, lanes));
 
-		squares = add_squares(squares, c);
+		squares = add_wide(squares, multiply_words(c, _mm512_and_si512(c, low_word)));
 		largest = _mm512_max_epu32(largest, _mm512_abs_epi32(y));
 	}
 	row.largest = _mm512_reduce_max_epu32(largest);
@@ -127,7 +150,7 @@ static void norm_row(const struct dvsm_fixed_norm *job, const int32_t *x, int8_t
 	for (size_t d = 0; d < job->dim; d += 16) {
 		__mmask16 lanes = first_lanes(job->dim - d);
 		__m512i c = round_lanes(centred(&row, x + d, lanes), row.second);
-		__m512i y = _mm512_mullo_epi32(c, load_s16(job->gain.gain + d, lanes));
+		__m512i y = multiply_words(c, load_words(job->gain.gain + d, lanes));
 
 		y = narrow_lanes(y, narrow.shift);
 		if (low) {
@@ -138,7 +161,7 @@ static void norm_row(const struct dvsm_fixed_norm *job, const int32_t *x, int8_t
 			_mm512_mask_cvtepi32_storeu_epi8(high + d, lanes, upper);
 			_mm512_mask_cvtepi32_storeu_epi8(low + d, lanes, y);
 		} else {
-			y = round_lanes(_mm512_mullo_epi32(y, inverse), 15);
+			y = round_lanes(multiply_words(y, inverse), 15);
 			_mm512_mask_cvtepi32_storeu_epi8(high + d, lanes, y);
 		}
 	}
@@ -205,8 +228,12 @@ static uint64_t sum_squares(const int16_t *u, size_t dim)
 {
 	__m512i squares = _mm512_setzero_si512();
 
-	for (size_t d = 0; d < dim; d += 16)
-		squares = add_squares(squares, load_s16(u + d, first_lanes(dim - d)));
+	for (size_t d = 0; d < dim; d += 32) {
+		__m512i a = _mm512_maskz_loadu_epi16(first_words(dim - d), u + d);
+
+		/* Two squares are 2^31 at most, as 32 bits without a sign hold. */
+		squares = add_wide(squares, _mm512_madd_epi16(a, a));
+	}
 	return (uint64_t)_mm512_reduce_add_epi64(squares);
 }
 
@@ -217,8 +244,8 @@ static void query(const int16_t *u, size_t dim, const struct dvsm_fixed_gain *we
 
 	for (size_t d = 0; d < dim; d += 16) {
 		__mmask16 lanes = first_lanes(dim - d);
-		__m512i y = _mm512_mullo_epi32(load_s16(u + d, lanes),
-					       load_s16(weights->gain + d, lanes));
+		__m512i y = multiply_words(load_s16(weights->gain + d, lanes),
+					   load_words(u + d, lanes));
 
 		largest = _mm512_max_epu32(largest, _mm512_abs_epi32(y));
 	}
@@ -230,10 +257,10 @@ static void query(const int16_t *u, size_t dim, const struct dvsm_fixed_gain *we
 	inverse = _mm512_set1_epi32(narrow.inverse);
 	for (size_t d = 0; d < dim; d += 16) {
 		__mmask16 lanes = first_lanes(dim - d);
-		__m512i y = _mm512_mullo_epi32(load_s16(u + d, lanes),
-					       load_s16(weights->gain + d, lanes));
+		__m512i y = multiply_words(load_s16(weights->gain + d, lanes),
+					   load_words(u + d, lanes));
 
-		y = _mm512_mullo_epi32(narrow_lanes(y, narrow.shift), inverse);
+		y = multiply_words(narrow_lanes(y, narrow.shift), inverse);
 		_mm512_mask_cvtepi32_storeu_epi8(q + d, lanes, round_lanes(y, 15));
 	}
 	*scale = narrow.scale;
