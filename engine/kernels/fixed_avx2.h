@@ -1,9 +1,12 @@
 /*
  * What the fixed-point kernels of AVX2 share. Private.
  *
- * Bytes are multiplied as words, which is exact where vpmaddubsw saturates. Four packed bytes of a
- * column are two words of even and two of odd place; A comes as words in the order 0 2 1 3, so that
- * each of the two vpmaddwd meets its two in one broadcast of 32 bits.
+ * vpmaddubsw multiplies unsigned by signed bytes: the sizes of A by the columns, which take A's
+ * signs over. Two products fit its 16 bits, for a column has no -128.
+ *
+ * Weights of 15 bits are multiplied as words. Four packed bytes of a column are two words of even
+ * and two of odd place; weights come as words in the order 0 2 1 3, so that each of the two
+ * vpmaddwd meets its two in one broadcast of 32 bits.
  */
 #ifndef DVSM_KERNELS_FIXED_AVX2_H
 #define DVSM_KERNELS_FIXED_AVX2_H
@@ -25,14 +28,50 @@ static inline __m256i order_words(__m256i words)
 	return _mm256_shuffle_epi8(words, order);
 }
 
-/** `count` bytes, a multiple of 16, as ordered words. */
-static inline void widen_bytes(const int8_t *bytes, size_t count, int16_t *words)
+/** Sizes of `count` bytes, a multiple of 16. */
+static inline void size_bytes(const int8_t *bytes, size_t count, uint8_t *sizes)
 {
 	for (size_t i = 0; i < count; i += 16) {
-		__m128i four = _mm_loadu_si128((const __m128i *)(bytes + i));
+		__m128i a = _mm_loadu_si128((const __m128i *)(bytes + i));
 
-		_mm256_storeu_si256((__m256i *)(words + i),
-				    order_words(_mm256_cvtepi8_epi16(four)));
+		_mm_storeu_si128((__m128i *)(sizes + i), _mm_abs_epi8(a));
+	}
+}
+
+static inline __m256i broadcast_bytes(const void *four)
+{
+	int bits;
+
+	memcpy(&bits, four, sizeof(bits));
+	return _mm256_set1_epi32(bits);
+}
+
+/** Bytes of the rows that meet sixteen columns, and their sizes. */
+struct rows {
+	const int8_t *bytes[DVSM_AVX2_ROWS];
+	const uint8_t *sizes[DVSM_AVX2_ROWS];
+};
+
+/** sums += `steps` times four numbers of each row with sixteen packed columns, 64 bytes a step. */
+DVSM_INLINE void dot_bytes(const int rows, const struct rows *a, const int8_t *columns,
+			   size_t steps, __m256i sums[DVSM_AVX2_ROWS][2])
+{
+	const __m256i ones = _mm256_set1_epi16(1);
+
+	for (size_t at = 0; at < 4 * steps; at += 4, columns += 64) {
+		const __m256i left = _mm256_load_si256((const __m256i *)columns);
+		const __m256i right = _mm256_load_si256((const __m256i *)(columns + 32));
+
+		DVSM_UNROLL
+		for (int i = 0; i < rows; i++) {
+			__m256i x = broadcast_bytes(a->bytes[i] + at);
+			__m256i size = broadcast_bytes(a->sizes[i] + at);
+			__m256i l = _mm256_maddubs_epi16(size, _mm256_sign_epi8(left, x));
+			__m256i r = _mm256_maddubs_epi16(size, _mm256_sign_epi8(right, x));
+
+			sums[i][0] = _mm256_add_epi32(sums[i][0], _mm256_madd_epi16(l, ones));
+			sums[i][1] = _mm256_add_epi32(sums[i][1], _mm256_madd_epi16(r, ones));
+		}
 	}
 }
 

@@ -15,7 +15,8 @@ struct query {
 	struct dvsm_fixed_slope slope;
 	int32_t top;
 	int64_t sum;
-	int16_t *q;       /* [head_width] ordered words */
+	const int8_t *q;  /* [head_width] */
+	uint8_t *sizes;   /* [head_width] of q */
 	int32_t *scores;  /* [DVSM_FIXED_KEYS] */
 	int16_t *weights; /* [DVSM_FIXED_KEYS] ordered words */
 	int32_t *o;       /* [head_width] */
@@ -23,16 +24,19 @@ struct query {
 
 static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count)
 {
-	const int16_t *const words[QUERIES] = {queries[0].q, queries[1].q, queries[2].q,
-					       queries[3].q};
+	struct rows rows;
 
+	for (int i = 0; i < QUERIES; i++) {
+		rows.bytes[i] = queries[i].q;
+		rows.sizes[i] = queries[i].sizes;
+	}
 	for (size_t at = 0; at < count; at += DVSM_FIXED_PANEL) {
 		__m256i sums[QUERIES][2];
 
 		DVSM_UNROLL
 		for (int i = 0; i < QUERIES; i++)
 			sums[i][0] = sums[i][1] = _mm256_setzero_si256();
-		dot_words(QUERIES, words, k + at * head_width, 64, head_width / 4, sums);
+		dot_bytes(QUERIES, &rows, k + at * head_width, head_width / 4, sums);
 		DVSM_UNROLL
 		for (int i = 0; i < QUERIES; i++) {
 			_mm256_store_si256((__m256i *)(queries[i].scores + at), sums[i][0]);
@@ -195,8 +199,8 @@ static void place(const struct dvsm_fixed_attention *job, struct query queries[Q
 		at += DVSM_FIXED_KEYS * sizeof(int16_t);
 		queries[i].o = (int32_t *)at;
 		at += job->head_width * sizeof(int32_t);
-		queries[i].q = (int16_t *)at;
-		at += job->head_width * sizeof(int16_t);
+		queries[i].sizes = at;
+		at += dvsm_fixed_pad(job->head_width, 32);
 	}
 }
 
@@ -206,7 +210,8 @@ static void start(const struct dvsm_fixed_attention *job, size_t index, struct q
 	query->slope = dvsm_fixed_slope_make(query->scale);
 	query->top = 0;
 	query->sum = 0;
-	widen_bytes(job->q + index * job->q_stride, job->head_width, query->q);
+	query->q = job->q + index * job->q_stride;
+	size_bytes(query->q, job->head_width, query->sizes);
 	memset(query->o, 0, job->head_width * sizeof(*query->o));
 }
 

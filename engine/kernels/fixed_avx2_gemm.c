@@ -4,7 +4,7 @@
 
 #define ROWS DVSM_AVX2_ROWS
 
-/* Depth whose words are made at a time. */
+/* Depth whose sizes are made at a time. */
 #define CHUNK 512u
 
 /* gelu() of eight saturated numbers. */
@@ -36,21 +36,63 @@ static inline __m256i gelu_lanes(__m256i u, int fraction)
 	return _mm256_sub_epi32(positive, _mm256_srl_epi32(tail, _mm_cvtsi32_si128(17 - fraction)));
 }
 
+/* As AVX-512 does it (fixed_avx512_finish.h): r in 32-bit lanes where the shifts allow. */
+struct requantise {
+	bool narrow;
+	int cut;
+};
+
+static struct requantise requantise_prepare(const struct dvsm_fixed_gemm *job)
+{
+	const int bits = dvsm_fixed_bits((uint64_t)job->depth * 128 * 127);
+	const int cut = bits > 15 ? bits - 15 : 0;
+	int least = INT16_MAX, most = INT16_MIN;
+
+	for (size_t j = 0; j < job->cols; j++) {
+		int shift = job->w_mantissa[j] ? job->w_shift[j] : INT16_MAX;
+
+		least = shift < least ? shift : least;
+	}
+	for (size_t i = 0; i < job->rows; i++)
+		if (job->a_scale[i].mantissa && job->a_scale[i].exponent > most)
+			most = job->a_scale[i].exponent;
+	return (struct requantise){least - most > 15 + cut, cut};
+}
+
+/* r of eight sums, exact in 32 bits. */
+static inline __m256i requantise_narrow(const struct requantise *how, __m256i factor, __m256i shift,
+					__m256i sums)
+{
+	const __m256i one = _mm256_set1_epi32(1);
+	__m256i words = _mm256_sll_epi32(sums, _mm_cvtsi32_si128(16 - how->cut));
+
+	factor = _mm256_or_si256(factor, _mm256_slli_epi32(factor, 16));
+	words = _mm256_blend_epi16(_mm256_mulhi_epu16(words, factor), words, 0xaa);
+	words = _mm256_madd_epi16(words, _mm256_blend_epi16(one, factor, 0xaa));
+	words = _mm256_srav_epi32(words, _mm256_sub_epi32(shift, _mm256_set1_epi32(16 + how->cut)));
+	return _mm256_srai_epi32(_mm256_add_epi32(words, one), 1);
+}
+
 /* Eight sums of a row to their place. */
-static inline void finish(const struct dvsm_fixed_gemm *job, size_t row, size_t col, __m256i sums)
+static inline void finish(const struct dvsm_fixed_gemm *job, const struct requantise *how,
+			  size_t row, size_t col, __m256i sums)
 {
 	const struct dvsm_fixed_scale scale = job->a_scale[row];
 	const size_t left = job->cols - col, at = row * job->c_stride + col;
+	const bool adds = job->epilogue == DVSM_FIXED_ADD;
 	__m256i factor = _mm256_mulhrs_epi16(load_s16(job->w_mantissa + col, left),
 					     _mm256_set1_epi16(scale.mantissa));
 	__m256i shift = _mm256_sub_epi32(load_s16(job->w_shift + col, left),
 					 _mm256_set1_epi32(scale.exponent));
+	__m256i r;
 
-	factor = _mm256_slli_epi32(factor, 15);
-	shift = clamp_lanes(shift, 1, 62);
-	if (job->epilogue == DVSM_FIXED_ADD) {
+	if (how->narrow)
+		r = requantise_narrow(how, factor, shift, sums);
+	else
+		r = round_products(sums, _mm256_slli_epi32(factor, 15), clamp_lanes(shift, 1, 62),
+				   adds ? 0 : 1 << 15);
+	if (adds) {
 		int32_t *c = (int32_t *)job->c + at;
-		__m256i r = round_products(sums, factor, shift, 0);
 		__m256i mask = _mm256_cmpgt_epi32(_mm256_set1_epi32(left < 8 ? (int)left : 8),
 						  _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
 
@@ -58,19 +100,17 @@ static inline void finish(const struct dvsm_fixed_gemm *job, size_t row, size_t 
 		_mm256_maskstore_epi32(c, mask, r);
 		return;
 	}
-
-	__m256i r = round_products(sums, factor, shift, 1 << 15);
-
+	r = clamp_lanes(r, INT16_MIN, INT16_MAX);
 	if (job->epilogue == DVSM_FIXED_GELU)
 		r = gelu_lanes(r, job->fraction);
 	store_s16((int16_t *)job->c + at, r, left);
 }
 
 /* `rows` rows (a constant where it is called) with the panel of column `col` on. */
-DVSM_INLINE void tile(const int rows, const struct dvsm_fixed_gemm *job, size_t row, size_t col)
+DVSM_INLINE void tile(const int rows, const struct dvsm_fixed_gemm *job,
+		      const struct requantise *how, size_t row, size_t col)
 {
-	int16_t chunk[ROWS][CHUNK];
-	const int16_t *words[ROWS] = {chunk[0], chunk[1], chunk[2], chunk[3]};
+	uint8_t sizes[ROWS][CHUNK];
 	const int8_t *w = job->panels + col * job->depth;
 	__m256i sums[ROWS][2], done[ROWS][2];
 
@@ -79,11 +119,14 @@ DVSM_INLINE void tile(const int rows, const struct dvsm_fixed_gemm *job, size_t 
 		sums[i][0] = sums[i][1] = _mm256_setzero_si256();
 	for (size_t d = 0; d < job->depth; d += CHUNK) {
 		size_t count = job->depth - d < CHUNK ? job->depth - d : CHUNK;
+		struct rows a;
 
-		for (int i = 0; i < rows; i++)
-			widen_bytes(job->a + (row + (size_t)i) * job->a_stride + d, count,
-				    chunk[i]);
-		dot_words(rows, words, w + d * DVSM_FIXED_PANEL, 64, count / 4, sums);
+		for (int i = 0; i < rows; i++) {
+			a.bytes[i] = job->a + (row + (size_t)i) * job->a_stride + d;
+			a.sizes[i] = sizes[i];
+			size_bytes(a.bytes[i], count, sizes[i]);
+		}
+		dot_bytes(rows, &a, w + d * DVSM_FIXED_PANEL, count / 4, sums);
 	}
 	DVSM_UNROLL
 	for (int i = 0; i < rows; i++) {
@@ -92,20 +135,22 @@ DVSM_INLINE void tile(const int rows, const struct dvsm_fixed_gemm *job, size_t 
 	}
 	/* By way of memory: unrolled, this much code would push the sums out of their registers. */
 	for (int i = 0; i < rows; i++) {
-		finish(job, row + (size_t)i, col, done[i][0]);
+		finish(job, how, row + (size_t)i, col, done[i][0]);
 		if (col + 8 < job->cols)
-			finish(job, row + (size_t)i, col + 8, done[i][1]);
+			finish(job, how, row + (size_t)i, col + 8, done[i][1]);
 	}
 }
 
 void dvsm_fixed_gemm_avx2(const struct dvsm_fixed_gemm *job)
 {
+	const struct requantise how = requantise_prepare(job);
+
 	for (size_t col = 0; col < job->cols; col += DVSM_FIXED_PANEL) {
 		size_t row = 0;
 
 		for (; row + ROWS <= job->rows; row += ROWS)
-			tile(ROWS, job, row, col);
+			tile(ROWS, job, &how, row, col);
 		for (; row < job->rows; row++)
-			tile(1, job, row, col);
+			tile(1, job, &how, row, col);
 	}
 }
