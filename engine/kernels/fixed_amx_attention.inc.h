@@ -2,8 +2,8 @@
  * Template: fixed-point attention of AMX, included by fixed_amx.c.
  *
  * Sixteen queries are the rows of a tile, a tile of keys for them an item. Its scores, weights and
- * values together fit the first-level cache. The tiles multiply its values and the next item's
- * scores one behind the other, while the sums of the values are added up.
+ * values together fit the first-level cache. While the softmax of one item is computed, the tiles
+ * multiply the values of the one before; while these are added up, the scores of the next.
  */
 #define GROUPS (DVSM_FIXED_KEYS / TILE)  /* of keys, an item */
 #define BLOCKS (DVSM_FIXED_KEYS / DEPTH) /* of weights, an item */
@@ -16,16 +16,22 @@
 /* Up to here the sums of weighted values fit 32 bits, and the sum of weights needs no shift. */
 #define MOST_KEYS 65536u
 
+/* What the softmax of an item leaves to its values; two items take turns. */
+struct weights {
+	uint8_t *high, *low; /* [BLOCKS][TILE queries][DEPTH keys], planes of the weights */
+	int steps[TILE];     /* by which each query's o shrinks before the values are added */
+};
+
 /* A call: its queries, and what lies between the stages of an item. */
 struct state {
 	const struct dvsm_fixed_attention *job;
 	struct query queries[DVSM_FIXED_QUERIES];
-	size_t groups;       /* of queries, sixteen each */
-	size_t slices;       /* of the head, DEPTH each */
-	int8_t *q;           /* [groups][slices][TILE][DEPTH], 0 beyond the head */
-	int32_t *scores;     /* [GROUPS][TILE queries][TILE keys] */
-	uint8_t *high, *low; /* [BLOCKS][TILE queries][DEPTH keys], planes of the weights */
-	int32_t *sums;       /* [channels / TILE][2 planes][TILE queries][TILE channels] */
+	size_t groups;   /* of queries, sixteen each */
+	size_t slices;   /* of the head, DEPTH each */
+	int8_t *q;       /* [groups][slices][TILE][DEPTH], 0 beyond the head */
+	int32_t *scores; /* [GROUPS][TILE queries][TILE keys] */
+	struct weights weights[2];
+	int32_t *sums; /* [channels / TILE][2 planes][TILE queries][TILE channels] */
 };
 
 /* One item: the queries of a group, `count` keys from `key` on. */
@@ -129,6 +135,78 @@ static void score(const struct state *state, const struct item *item)
 	}
 }
 
+/* ---- values ---- */
+
+/* The next of an item's products: both planes of 64 weights times two groups of channels. */
+struct mixing {
+	size_t channel, key;
+};
+
+/* Tiles 0 to 5: 6 and 7 have the head's shape. */
+static inline void mix_next(const struct state *state, const struct item *item,
+			    const struct weights *weights, struct mixing *at)
+{
+	const size_t width = state->job->head_width;
+	const int8_t *v = state->job->v + (item->key + at->key) * width + 4 * at->channel;
+	const bool two = at->channel + TILE < width;
+	int32_t *sums = state->sums + 2 * TILE * at->channel;
+
+	if (at->key == 0) {
+		AMX_ZERO(0);
+		AMX_ZERO(1);
+		AMX_ZERO(2);
+		AMX_ZERO(3);
+	}
+	AMX_LOAD(4, weights->high + at->key * TILE, DEPTH);
+	AMX_LOAD(5, v, 4 * width);
+	AMX_DOT_UNSIGNED(0, 4, 5);
+	if (two) {
+		AMX_LOAD(5, v + 64, 4 * width);
+		AMX_DOT_UNSIGNED(2, 4, 5);
+	}
+	AMX_LOAD(4, weights->low + at->key * TILE, DEPTH);
+	if (two) {
+		AMX_DOT_UNSIGNED(3, 4, 5);
+		AMX_LOAD(5, v, 4 * width);
+	}
+	AMX_DOT_UNSIGNED(1, 4, 5);
+	at->key += DEPTH;
+	if (at->key < item->count)
+		return;
+	AMX_STORE(0, sums, 64);
+	AMX_STORE(1, sums + TILE * TILE, 64);
+	if (two) {
+		AMX_STORE(2, sums + 2 * TILE * TILE, 64);
+		AMX_STORE(3, sums + 3 * TILE * TILE, 64);
+	}
+	at->key = 0;
+	at->channel += 2 * TILE;
+}
+
+/* o = R(o, steps) + high + R(low, 8) */
+static void add_values(const struct state *state, const struct item *item,
+		       const struct weights *weights)
+{
+	const size_t width = state->job->head_width;
+	const struct query *queries = state->queries + item->group * TILE;
+	const __m512i half = _mm512_set1_epi32(128);
+	const int32_t *sums = state->sums;
+
+	for (size_t i = 0; i < TILE; i++)
+		shrink_row(queries[i].o, width, weights->steps[i]);
+	for (size_t channel = 0; channel < width; channel += TILE, sums += 2 * TILE * TILE) {
+		for (size_t i = 0; i < TILE; i++) {
+			int32_t *o = queries[i].o + channel;
+			__m512i high = _mm512_load_si512(sums + i * TILE);
+			__m512i low = _mm512_load_si512(sums + TILE * TILE + i * TILE);
+
+			low = _mm512_srai_epi32(_mm512_add_epi32(low, half), 8);
+			high = _mm512_add_epi32(high, _mm512_load_si512(o));
+			_mm512_store_si512(o, _mm512_add_epi32(high, low));
+		}
+	}
+}
+
 /* ---- softmax ---- */
 
 /* Sixteen rows, each to one number. */
@@ -157,7 +235,7 @@ REDUCE_ROWS(largest_in_rows, _mm512_max_epi32)
 REDUCE_ROWS(sum_of_rows, _mm512_add_epi32)
 
 /* The running maximum: where it rises, what was summed shrinks. */
-static void raise_tops(struct state *state, const struct item *item)
+static void raise_tops(struct state *state, const struct item *item, struct weights *weights)
 {
 	struct query *queries = state->queries + item->group * TILE;
 	int32_t largest[TILE];
@@ -168,97 +246,46 @@ static void raise_tops(struct state *state, const struct item *item)
 	_mm512_storeu_si512(largest, largest_in_rows(rows));
 	for (size_t i = 0; i < TILE; i++) {
 		struct query *query = &queries[i];
+		int steps = 0;
 
 		if (item->key == 0) {
 			query->top = largest[i];
 		} else if (largest[i] > query->top) {
-			int steps = dvsm_fixed_raise(query->scale, largest[i], &query->top);
-
+			steps = dvsm_fixed_raise(query->scale, largest[i], &query->top);
 			query->sum = dvsm_fixed_round(query->sum, steps);
-			shrink_row(query->o, state->job->head_width, steps);
 		}
+		weights->steps[i] = steps;
 	}
 }
 
-static void softmax(struct state *state, const struct item *item)
+/* Rows of the softmax between two products. */
+#define MIX_ROWS 4
+
+/* The softmax of an item, and the values of the one before where there is one. */
+static void softmax(struct state *state, const struct item *item, struct weights *own,
+		    const struct item *before, const struct weights *other)
 {
+	const size_t width = state->job->head_width, channels = before ? width : 0;
+	const size_t share = width * BLOCKS * MIX_ROWS / (2 * TILE * TILE) + 1;
 	struct query *queries = state->queries + item->group * TILE;
+	struct mixing mixing = {0};
 	int32_t sums[TILE];
 	__m512i rows[TILE];
 
-	raise_tops(state, item);
-	for (size_t i = 0; i < TILE; i++)
-		rows[i] =
-			weigh_scores(&queries[i], state->scores + i * TILE, state->high + i * DEPTH,
-				     state->low + i * DEPTH, item->count);
+	raise_tops(state, item, own);
+	for (size_t i = 0; i < TILE; i++) {
+		if (i % MIX_ROWS == 0 && mixing.channel >= channels)
+			AMX_KEEP_AWAKE(0, 4, 5);
+		for (size_t n = 0; i % MIX_ROWS == 0 && n < share && mixing.channel < channels; n++)
+			mix_next(state, before, other, &mixing);
+		rows[i] = weigh_scores(&queries[i], state->scores + i * TILE, own->high + i * DEPTH,
+				       own->low + i * DEPTH, item->count);
+	}
+	while (mixing.channel < channels)
+		mix_next(state, before, other, &mixing);
 	_mm512_storeu_si512(sums, sum_of_rows(rows));
 	for (size_t i = 0; i < TILE; i++)
 		queries[i].sum += sums[i];
-}
-
-/* ---- values ---- */
-
-/* Both planes of the weights times two groups of channels at a time. Tiles 6 and 7 have the head's
- * shape. */
-static void mix(const struct state *state, const struct item *item)
-{
-	const size_t width = state->job->head_width;
-	const int8_t *v = state->job->v + item->key * width;
-	int32_t *sums = state->sums;
-
-	for (size_t channel = 0; channel < width; channel += 2 * TILE) {
-		const bool two = channel + TILE < width;
-
-		AMX_ZERO(0);
-		AMX_ZERO(1);
-		AMX_ZERO(2);
-		AMX_ZERO(3);
-		for (size_t key = 0; key < item->count; key += DEPTH) {
-			const int8_t *from = v + key * width + 4 * channel;
-
-			AMX_LOAD(4, state->high + key * TILE, DEPTH);
-			AMX_LOAD(5, from, 4 * width);
-			AMX_DOT_UNSIGNED(0, 4, 5);
-			if (two) {
-				AMX_LOAD(5, from + 64, 4 * width);
-				AMX_DOT_UNSIGNED(2, 4, 5);
-			}
-			AMX_LOAD(4, state->low + key * TILE, DEPTH);
-			if (two) {
-				AMX_DOT_UNSIGNED(3, 4, 5);
-				AMX_LOAD(5, from, 4 * width);
-			}
-			AMX_DOT_UNSIGNED(1, 4, 5);
-		}
-		AMX_STORE(0, sums, 64);
-		AMX_STORE(1, sums + TILE * TILE, 64);
-		if (two) {
-			AMX_STORE(2, sums + 2 * TILE * TILE, 64);
-			AMX_STORE(3, sums + 3 * TILE * TILE, 64);
-		}
-		sums += 4 * TILE * TILE;
-	}
-}
-
-/* o += high + R(low, 8) */
-static void add_values(const struct state *state, const struct item *item)
-{
-	const size_t width = state->job->head_width;
-	const struct query *queries = state->queries + item->group * TILE;
-	const __m512i half = _mm512_set1_epi32(128);
-	const int32_t *sums = state->sums;
-
-	for (size_t channel = 0; channel < width; channel += TILE, sums += 2 * TILE * TILE) {
-		for (size_t i = 0; i < TILE; i++) {
-			int32_t *o = queries[i].o + channel;
-			__m512i high = _mm512_load_si512(sums + i * TILE);
-			__m512i low = _mm512_load_si512(sums + TILE * TILE + i * TILE);
-
-			low = _mm512_srai_epi32(_mm512_add_epi32(low, half), 8);
-			high = _mm512_add_epi32(high, _mm512_load_si512(o));
-			_mm512_store_si512(o, _mm512_add_epi32(high, low));
-		}
-	}
 }
 
 /* ---- the call ---- */
@@ -277,8 +304,10 @@ static void place(struct state *state)
 	const size_t width = state->job->head_width;
 	unsigned char *at = state->job->scratch;
 
-	state->high = take(&at, (size_t)BLOCKS * WEIGHT_STEP);
-	state->low = take(&at, (size_t)BLOCKS * WEIGHT_STEP);
+	for (int i = 0; i < 2; i++) {
+		state->weights[i].high = take(&at, (size_t)BLOCKS * WEIGHT_STEP);
+		state->weights[i].low = take(&at, (size_t)BLOCKS * WEIGHT_STEP);
+	}
 	state->scores = take(&at, GROUPS * SCORE_STEP * sizeof(int32_t));
 	state->slices = dvsm_fixed_pad(width, DEPTH) / DEPTH;
 	state->q = take(&at, DVSM_FIXED_QUERIES * state->slices * DEPTH);
@@ -292,22 +321,31 @@ static void attend(struct state *state)
 	const struct amx_config config = attention_tiles(state->job->head_width);
 	const size_t tiles = (state->job->keys + DVSM_FIXED_KEYS - 1) / DVSM_FIXED_KEYS;
 	const size_t items = tiles * state->groups;
-	struct item item = item_at(state, 0);
+	struct item item = item_at(state, 0), before = item, next = item;
+	struct mixing mixing = {0};
 
 	amx_publish();
 	amx_open(&config);
 	score(state, &item);
-	for (size_t index = 1; index <= items; index++) {
-		const struct item next = item_at(state, index);
+	for (size_t index = 0; index < items; index++) {
+		struct weights *own = &state->weights[index % 2];
+		const struct weights *other = &state->weights[(index + 1) % 2];
 
-		softmax(state, &item);
 		amx_publish();
-		mix(state, &item);
-		if (index < items)
+		softmax(state, &item, own, index > 0 ? &before : NULL, other);
+		if (index + 1 < items) {
+			next = item_at(state, index + 1);
 			score(state, &next);
-		add_values(state, &item);
+		}
+		if (index > 0)
+			add_values(state, &before, other);
+		before = item;
 		item = next;
 	}
+	amx_publish();
+	while (mixing.channel < state->job->head_width)
+		mix_next(state, &before, &state->weights[(items - 1) % 2], &mixing);
+	add_values(state, &before, &state->weights[(items - 1) % 2]);
 	amx_close();
 }
 
