@@ -5,7 +5,8 @@
  * A weight is 2^score as it is, so that no maximum is looked for and nothing is rescaled. Queries
  * are rows: 32 of them and a chunk of keys make a unit of work, whose scores, weights and weighted
  * values are computed one unit apart each. The tiles' unit multiplies for the units before and
- * behind while the vectors' units take the exponential of this one.
+ * behind while the vectors' units take the exponential of this one. All keys that are laid pass by
+ * the first-level cache, where a unit's scores, weights and sums stay.
  */
 
 #define UNIT  32u
@@ -168,7 +169,7 @@ static void advance(const struct bounded *b, const struct unit *young, const str
 		clear_sums();
 		for (size_t d = 0; d < dim; d += DEPTH) {
 			multiply_step(q + d * TILE, q + (dim + d) * TILE, k + d * TILE,
-				      k + (dim + d) * TILE, false);
+				      k + (dim + d) * TILE, STREAM_W);
 			weigh_some(b, &w, share);
 		}
 		AMX_STORE(0, scores, CHUNK * sizeof(float));
@@ -187,7 +188,7 @@ static void advance(const struct bounded *b, const struct unit *young, const str
 		AMX_LOAD(3, out + TILE * dim + TILE, dim * sizeof(float));
 		for (size_t key = 0; key < CHUNK; key += DEPTH) {
 			multiply_step(p + key * TILE, p + (CHUNK + key) * TILE, v + key * dim,
-				      v + key * dim + TILE * DEPTH, false);
+				      v + key * dim + TILE * DEPTH, STREAM_W);
 			weigh_some(b, &w, share);
 		}
 		AMX_STORE(0, out, dim * sizeof(float));
@@ -204,8 +205,8 @@ static void attend_laid(const struct bounded *b, size_t keys)
 	struct unit middle = {.exists = false}, old = middle;
 	size_t turn = 0;
 
-	for (size_t key = 0; key < keys; key += CHUNK) {
-		for (size_t query = 0; query < b->query_rows; query += UNIT, turn ^= 1) {
+	for (size_t query = 0; query < b->query_rows; query += UNIT) {
+		for (size_t key = 0; key < keys; key += CHUNK, turn ^= 1) {
 			const size_t left = keys - key;
 			struct unit young = {query, key, left < CHUNK ? left : CHUNK, turn, true};
 

@@ -144,19 +144,28 @@ DVSM_INLINE void finish_row(const struct product *p, const struct block *block, 
 	vf_store(c + TILE, right);
 }
 
-/* Two tiles of A with two of W */
+/* What passes by the first-level cache, because the rest is to stay there. */
+enum stream { STREAM_NONE, STREAM_A, STREAM_W };
+
+/* Two tiles of A with two of W. */
 DVSM_INLINE void multiply_step(const number *a, const number *a2, const number *w, const number *w2,
-			       bool stream)
+			       enum stream stream)
 {
-	AMX_LOAD(6, w, 64);
-	if (stream)
+	if (stream == STREAM_W)
+		AMX_STREAM(6, w, 64);
+	else
+		AMX_LOAD(6, w, 64);
+	if (stream == STREAM_A)
 		AMX_STREAM(4, a, 64);
 	else
 		AMX_LOAD(4, a, 64);
 	AMX_DOT_BF16(0, 4, 6);
-	AMX_LOAD(7, w2, 64);
+	if (stream == STREAM_W)
+		AMX_STREAM(7, w2, 64);
+	else
+		AMX_LOAD(7, w2, 64);
 	AMX_DOT_BF16(1, 4, 7);
-	if (stream)
+	if (stream == STREAM_A)
 		AMX_STREAM(5, a2, 64);
 	else
 		AMX_LOAD(5, a2, 64);
@@ -171,7 +180,7 @@ struct stretch {
 		*next; /* weights that come next, a step's lines of both panels after another's */
 	size_t ahead;  /* lines of them that each step calls into the second-level cache */
 	size_t share;  /* rows of the block before that leave beside each step */
-	bool stream;   /* A passes by the first-level cache, where the weights stay */
+	enum stream stream;
 };
 
 /*
@@ -233,7 +242,7 @@ DVSM_INLINE void multiply_panels(const struct product *p, size_t col, struct blo
 				depth / DEPTH * BLOCK * line,
 			.ahead = last ? 0 : (BLOCK + blocks - 1) / blocks,
 			.share = (BLOCK + steps - 1) / steps,
-			.stream = steps * DEPTH <= STRETCH,
+			.stream = steps * DEPTH <= STRETCH ? STREAM_A : STREAM_NONE,
 		};
 
 		if (depth == most && block->waits && epilogue == DVSM_EPILOGUE_STORE) {

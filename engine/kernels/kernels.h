@@ -166,7 +166,7 @@ static inline size_t dvsm_left_size(const struct dvsm_kernels *kernels, size_t r
 
 /** Keys and values that AMX lays in tiles at a time, and those it takes in between two products. */
 #define DVSM_ATTENTION_LAID  512u
-#define DVSM_ATTENTION_CHUNK 128u
+#define DVSM_ATTENTION_CHUNK 64u
 
 /**
  * Bytes of scratch for one attention call: q and out transposed, a tile of scores, three rows, and
