@@ -59,6 +59,15 @@ class Appliance:
     def stop_feed(self):
         self.run("systemctl stop vmtest-feed.service 2>/dev/null")
 
+    def set_watchdogs(self, patient):
+        """Patient ones where all is emulated: the machine stands still while its host is busy."""
+        for unit in ("diorama-captured", "diorama-viewd"):
+            folder = f"/run/systemd/system/{unit}.service.d"
+            self.must(f"mkdir -p {folder}; printf '[Service]\\nWatchdogSec=10min\\n' > "
+                      f"{folder}/vmtest.conf" if patient else f"rm -rf {folder}")
+        self.must("systemctl daemon-reload; systemctl restart diorama-captured.service "
+                  "diorama-viewd.service")
+
     # Buttons and LEDs: lines of gpio-sim.
 
     def load_lines(self):

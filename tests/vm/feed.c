@@ -33,9 +33,8 @@ static bool complain(const char *what)
 static bool open_output(const char *path, struct output *output)
 {
 	struct v4l2_format format = {.type = V4L2_BUF_TYPE_VIDEO_OUTPUT};
-	struct v4l2_requestbuffers wanted = {.count = BUFFERS,
-					     .type = V4L2_BUF_TYPE_VIDEO_OUTPUT,
-					     .memory = V4L2_MEMORY_MMAP};
+	struct v4l2_requestbuffers wanted = {
+		.count = BUFFERS, .type = V4L2_BUF_TYPE_VIDEO_OUTPUT, .memory = V4L2_MEMORY_MMAP};
 
 	output->fd = open(path, O_RDWR | O_CLOEXEC);
 	if (output->fd < 0 || ioctl(output->fd, VIDIOC_G_FMT, &format) != 0 ||
@@ -112,8 +111,8 @@ int main(int argc, char **argv)
 	pause = (struct timespec){ms / 1000, ms % 1000 * 1000000};
 	if (!open_output(argv[1], &output))
 		return 1;
-	frames = read_frames(argv[2], (size_t)strtoul(argv[4], NULL, 10), count,
-			     output.frame_bytes);
+	frames =
+		read_frames(argv[2], (size_t)strtoul(argv[4], NULL, 10), count, output.frame_bytes);
 	if (!frames)
 		return 1;
 	for (long round = 0; rounds == 0 || round < rounds; round++)

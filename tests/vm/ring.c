@@ -1,12 +1,11 @@
 /* A reader of the capture daemon's ring.
  *
- * vm_ring match SOCKET FILE FRAME_BYTES SECONDS
- *     Compare every frame with those of FILE and print runs, "TIMES INDEX" a line: so often in a
- *     row came frame INDEX, -1 for one that is none of them, byte for byte. Then "dropped N",
- *     "overtaken N", "gaps N" (in the driver's count) and "backwards N".
- * vm_ring watch SOCKET SECONDS
- *     Print "TIME state NAME" when the camera's state changes, and "TIME frame" for the first
- *     frame after that or after none came for 100 ms; TIME in seconds of CLOCK_MONOTONIC. */
+ * vm_ring match SOCKET FILE FRAME_BYTES SECONDS LAST
+ *     Compare every frame with those of FILE, until frame LAST came, and print runs, "TIMES INDEX"
+ * a line: so often in a row came frame INDEX, -1 for one that is none of them, byte for byte. Then
+ * "dropped N", "overtaken N", "gaps N" (in the driver's count) and "backwards N". vm_ring watch
+ * SOCKET SECONDS Print "TIME state NAME" when the camera's state changes, and "TIME frame" for the
+ * first frame after that or from another daemon; TIME in seconds of CLOCK_MONOTONIC. */
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,7 +15,6 @@
 #include "ring/ring_client.h"
 
 #define SECOND_NS INT64_C(1000000000)
-#define QUIET_NS  UINT64_C(100000000)
 
 struct source {
 	unsigned char *frames;
@@ -55,7 +53,8 @@ static long find(const struct source *source, const unsigned char *data, long la
 	return -1;
 }
 
-static int match(struct dio_ring_client *client, const struct source *source, double seconds)
+static int match(struct dio_ring_client *client, const struct source *source, double seconds,
+		 long end)
 {
 	const uint64_t end_ns = dio_clock_ns() + (uint64_t)(seconds * (double)SECOND_NS);
 	unsigned char *copy = malloc(source->frame_bytes);
@@ -65,7 +64,7 @@ static int match(struct dio_ring_client *client, const struct source *source, do
 	long last = -2;
 	uint64_t times = 0, gaps = 0, backwards = 0, sequence = 0;
 
-	while (copy && dio_clock_ns() < end_ns) {
+	while (copy && last != end && dio_clock_ns() < end_ns) {
 		long now = -1;
 
 		if (dio_ring_client_acquire(client, &frame, SECOND_NS / 10, &error) != DIO_OK)
@@ -100,24 +99,25 @@ static int watch(struct dio_ring_client *client, double seconds)
 	const uint64_t end_ns = dio_clock_ns() + (uint64_t)(seconds * (double)SECOND_NS);
 	enum dio_capture_state before = DIO_CAPTURE_ABSENT;
 	struct dio_ring_client_status status;
-	uint64_t last_ns = 0, now_ns;
 	struct dio_ring_frame frame;
 	struct dio_error error;
+	uint32_t connections = 0;
+	bool is_new = true;
 
-	while ((now_ns = dio_clock_ns()) < end_ns) {
+	while (dio_clock_ns() < end_ns) {
 		enum dio_status got =
 			dio_ring_client_acquire(client, &frame, SECOND_NS / 20, &error);
+		double now = (double)dio_clock_ns() * 1e-9;
 
-		now_ns = dio_clock_ns();
 		dio_ring_client_get_status(client, &status);
 		if (status.state != before)
-			printf("%.3f state %s\n", (double)now_ns * 1e-9,
-			       dio_capture_state_name(status.state));
-		if (got == DIO_OK && (status.state != before || now_ns > last_ns + QUIET_NS))
-			printf("%.3f frame\n", (double)now_ns * 1e-9);
-		if (got == DIO_OK)
-			last_ns = now_ns;
+			printf("%.3f state %s\n", now, dio_capture_state_name(status.state));
+		is_new = is_new || status.state != before || status.connections != connections;
+		if (got == DIO_OK && is_new)
+			printf("%.3f frame\n", now);
+		is_new = is_new && got != DIO_OK;
 		before = status.state;
+		connections = status.connections;
 		fflush(stdout);
 	}
 	return 0;
@@ -125,7 +125,7 @@ static int watch(struct dio_ring_client *client, double seconds)
 
 int main(int argc, char **argv)
 {
-	const bool matches = argc == 6 && strcmp(argv[1], "match") == 0;
+	const bool matches = argc == 7 && strcmp(argv[1], "match") == 0;
 	struct dio_ring_client_options options = {.name = "vm_ring", .order = DIO_RING_IN_ORDER};
 	struct dio_ring_client *client;
 	struct source source = {0};
@@ -133,7 +133,7 @@ int main(int argc, char **argv)
 	int result;
 
 	if (!matches && !(argc == 4 && strcmp(argv[1], "watch") == 0)) {
-		fprintf(stderr, "usage: vm_ring match SOCKET FILE FRAME_BYTES SECONDS\n"
+		fprintf(stderr, "usage: vm_ring match SOCKET FILE FRAME_BYTES SECONDS LAST\n"
 				"       vm_ring watch SOCKET SECONDS\n");
 		return 2;
 	}
@@ -144,7 +144,7 @@ int main(int argc, char **argv)
 		fprintf(stderr, "vm_ring: %s\n", error.text);
 		return 1;
 	}
-	result = matches ? match(client, &source, strtod(argv[5], NULL))
+	result = matches ? match(client, &source, strtod(argv[5], NULL), strtol(argv[6], NULL, 10))
 			 : watch(client, strtod(argv[3], NULL));
 	dio_ring_client_close(client);
 	free(source.frames);
