@@ -9,6 +9,7 @@ import argparse
 import hashlib
 import random
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -96,6 +97,8 @@ def main():
     parser.add_argument("what", nargs="?", choices=("soak",))
     arguments = parser.parse_args()
 
+    # The machine must not outlive us.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     shots, share = arguments.work / "shots", arguments.work / "share"
     for folder in (shots, share):
         shutil.rmtree(folder, ignore_errors=True)
