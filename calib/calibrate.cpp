@@ -64,6 +64,7 @@ class Calibrator
 		select_views();
 		require_views(views_.size());
 		try {
+			ask_whether_to_go_on();
 			reject_outliers();
 			fit_final();
 		} catch (const cv::Exception &exception) {
@@ -72,10 +73,17 @@ class Calibrator
 			     "between views",
 			     views_.size(), exception.err.c_str());
 		}
+		ask_whether_to_go_on();
 		judge();
 	}
 
       private:
+	void ask_whether_to_go_on() const
+	{
+		if (options_.keep_going && !options_.keep_going(options_.context))
+			fail(DIO_REFUSED, "calibration: cancelled");
+	}
+
 	void prepare()
 	{
 		auto *views = static_cast<dio_calibration_view *>(
@@ -165,11 +173,14 @@ class Calibrator
 	void fit_final()
 	{
 		unsigned allowed = TERMS_TANGENTIAL | (options_.fix_k3 ? TERMS_NONE : TERMS_K3);
+		ask_whether_to_go_on();
 		Fit fullest = fit_views(views_, size_, allowed, &fit_.lens);
+		ask_whether_to_go_on();
 		Uncertainty uncertainty = uncertainty_of(views_, fullest);
 		unsigned terms = choose_terms(fullest, uncertainty);
 		fit_ = terms == allowed ? fullest : fit_views(views_, size_, terms, &fit_.lens);
 		report_fit(sigmas_of(views_, fit_, fullest, uncertainty));
+		ask_whether_to_go_on();
 		double sum = 0, corners = 0;
 		std::vector<double> errors = heldout_errors(views_, size_, terms, 2, fit_.lens);
 		for (size_t i = 0; i < views_.size(); i++) {

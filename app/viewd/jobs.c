@@ -201,12 +201,27 @@ static void free_fit(struct fit_job *job)
 	free(job);
 }
 
+/* On the engine's thread, as the whole fit. */
+static bool is_fit_wanted(void *context)
+{
+	const struct fit_job *job = context;
+	struct dio_viewd *viewd = job->job.owner;
+
+	return atomic_load(&viewd->fit_number) == job->number;
+}
+
 static enum dio_status run_fit(struct dio_job *base, struct dio_error *error)
 {
 	struct fit_job *job = (struct fit_job *)base;
-	enum dio_status status = dio_calibrate(&job->board, job->corners, job->count, job->width,
-					       job->height, NULL, &job->calibration, error);
+	struct dio_calibration_options options;
+	enum dio_status status;
 
+	dio_calibration_defaults(&options);
+	options.keep_going = is_fit_wanted;
+	options.context = job;
+	/* One that is cancelled leaves the file of the last as it is. */
+	status = dio_calibrate(&job->board, job->corners, job->count, job->width, job->height,
+			       &options, &job->calibration, error);
 	if (status == DIO_OK)
 		status = dio_camera_model_write(job->path, DIO_CAMERA_FILE_OPENCV,
 						&job->calibration.model, &job->calibration, error);

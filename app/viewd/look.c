@@ -51,7 +51,7 @@ void dio_viewd_begin_gather(struct dio_viewd *viewd)
 	dio_board_views_deinit(&viewd->gathered);
 	viewd->gathered.board = viewd->board;
 	viewd->fit_views_due = FIT_VIEWS;
-	viewd->fit_number++;
+	atomic_fetch_add(&viewd->fit_number, 1);
 }
 
 /* Offer the corners of a frame to the calibration. */

@@ -110,6 +110,8 @@ static void enter_state(struct dio_viewd *viewd, bool says)
 {
 	dio_figures_clear(&viewd->figures);
 	set_task(viewd);
+	if (viewd->machine.state != DIO_VIEWD_CALIBRATE)
+		atomic_fetch_add(&viewd->fit_number, 1); /* cancelled, if one is under way */
 	dio_viewpoint_play(&viewd->viewpoint, viewd->machine.state == DIO_VIEWD_PLAY,
 			   dio_clock_ns());
 	viewd->rendered_taken_ns = 0;
@@ -337,6 +339,7 @@ void dio_viewd_close(struct dio_viewd *viewd)
 {
 	viewd->quitting = true;
 	atomic_store(&viewd->cancel, true);
+	atomic_fetch_add(&viewd->fit_number, 1);
 	dio_tracker_stop(viewd->tracker);
 	/* Their last done() may post to one another; nothing is begun any more. */
 	dio_worker_destroy(viewd->screen);

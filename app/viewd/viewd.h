@@ -76,7 +76,7 @@ struct dio_viewd {
 	/* Calibration. */
 	struct dio_board_views gathered;
 	uint32_t fit_views_due; /* so many views, then a fit */
-	unsigned fit_number;    /* of the fit whose answer is waited for */
+	atomic_uint fit_number; /* of the fit whose answer is waited for: others give up */
 
 	/* Capture. */
 	struct dio_store *store; /* used on the files thread once the loop runs */

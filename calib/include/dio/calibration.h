@@ -35,6 +35,11 @@ struct dio_calibration_options {
 	double min_coverage;      /* share of picture cells that hold a corner, [0,1] */
 	double max_heldout_ratio; /* held-out RMS / fit RMS above this: refused */
 	bool fix_k3;              /* k3 = 0 whatever the views say */
+
+	/* Asked between the steps of the fit; false ends it: DIO_REFUSED, "cancelled". NULL: it is
+	 * never asked. */
+	bool (*keep_going)(void *context);
+	void *context;
 };
 void dio_calibration_defaults(struct dio_calibration_options *options);
 

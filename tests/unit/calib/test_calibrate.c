@@ -270,6 +270,42 @@ static void terms_that_are_not_there_stay_zero(void **state)
 	sample_free(&sample);
 }
 
+static bool count_down(void *context)
+{
+	int *left = context;
+
+	return (*left)-- > 0;
+}
+
+static void a_fit_is_given_up_between_any_two_steps(void **state)
+{
+	struct dio_calibration_options options;
+	struct dio_calibration c = {0};
+	struct dio_error error = {""};
+	enum dio_status status = DIO_REFUSED;
+	struct sample sample;
+	int steps = 0;
+
+	(void)state;
+	sample_init(&sample, 17);
+	add_varied(&sample, &truth, 12, 0.1);
+	dio_calibration_defaults(&options);
+	options.keep_going = count_down;
+	for (; status == DIO_REFUSED && steps < 100; steps++) {
+		int left = steps;
+
+		options.context = &left;
+		status = dio_calibrate(&sample.board, sample.corners, sample.count, truth.width,
+				       truth.height, &options, &c, &error);
+		if (status == DIO_REFUSED)
+			assert_non_null(strstr(error.text, "cancelled"));
+	}
+	assert_int_equal(status, DIO_OK);
+	assert_true(steps > 3);
+	dio_calibration_deinit(&c);
+	sample_free(&sample);
+}
+
 /* Half the corners of a view carried off, as when another board or a reflection was taken. */
 static void spoil(struct dio_corners *corners, double by_px)
 {
@@ -508,6 +544,7 @@ int main(void)
 		cmocka_unit_test(board_in_the_middle_only_is_refused),
 		cmocka_unit_test(half_the_views_spoiled_is_refused),
 		cmocka_unit_test(half_the_views_of_another_zoom_is_refused),
+		cmocka_unit_test(a_fit_is_given_up_between_any_two_steps),
 		cmocka_unit_test(corners_all_in_one_row_are_no_view),
 		cmocka_unit_test(corners_that_are_not_numbers_are_refused),
 	};
