@@ -226,7 +226,7 @@ typedef void dvsm_fixed_pack_fn(const struct dvsm_fixed_pack *job);
  * One head's attention for up to DVSM_FIXED_QUERIES queries, in one pass over tiles of
  * DVSM_FIXED_KEYS keys (the last may be shorter). Per query, s[key] = sum over d of q k:
  *
- *   exponent of q_scale gives down = max(0, -exponent - 27) and up = max(0, exponent + 27), both at
+ *   exponent of q_scale gives down = max(0, -exponent - 26) and up = max(0, exponent + 26), both at
  *   most 31 and 15; factor = 2 mantissa
  *   first tile:  top = max s;  O = 0, sum = 0
  *   later:       if max s > top, dvsm_fixed_raise() gives J and the new top;

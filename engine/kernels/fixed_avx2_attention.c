@@ -74,8 +74,8 @@ static inline __m256i exp2_lanes(__m256i x, int up)
 				       _mm256_sll_epi16(x, _mm_cvtsi32_si128(up)), within);
 	}
 
-	__m256i whole = _mm256_avg_epu16(_mm256_srli_epi16(x, 11), _mm256_setzero_si256());
-	__m256i t = _mm256_slli_epi16(x, 4), r = _mm256_set1_epi16(DVSM_FIXED_EXP2_C);
+	__m256i whole = _mm256_avg_epu16(_mm256_srli_epi16(x, 10), _mm256_setzero_si256());
+	__m256i t = _mm256_slli_epi16(x, 5), r = _mm256_set1_epi16(DVSM_FIXED_EXP2_C);
 
 	r = _mm256_sub_epi16(_mm256_set1_epi16(DVSM_FIXED_EXP2_B), _mm256_mulhrs_epi16(t, r));
 	r = _mm256_sub_epi16(_mm256_set1_epi16(DVSM_FIXED_EXP2_A), _mm256_mulhrs_epi16(t, r));

@@ -60,8 +60,8 @@ static inline struct slope_lanes slope_prepare(const struct query *query)
 static inline __m512i exp2_lanes(__m512i x)
 {
 	const __m512i zero = _mm512_setzero_si512();
-	__m512i whole = _mm512_avg_epu16(_mm512_srli_epi16(x, 11), zero);
-	__m512i t = _mm512_slli_epi16(x, 4), r = _mm512_set1_epi16(DVSM_FIXED_EXP2_C);
+	__m512i whole = _mm512_avg_epu16(_mm512_srli_epi16(x, 10), zero);
+	__m512i t = _mm512_slli_epi16(x, 5), r = _mm512_set1_epi16(DVSM_FIXED_EXP2_C);
 
 	r = _mm512_sub_epi16(_mm512_set1_epi16(DVSM_FIXED_EXP2_B), _mm512_mulhrs_epi16(t, r));
 	r = _mm512_sub_epi16(_mm512_set1_epi16(DVSM_FIXED_EXP2_A), _mm512_mulhrs_epi16(t, r));

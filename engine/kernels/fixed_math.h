@@ -227,7 +227,8 @@ static inline int16_t dvsm_fixed_gelu(int16_t u, int fraction)
 #define DVSM_FIXED_EXP2_C   318
 
 /**
- * 23150 2^-(x 2^up / 2^12), rounded; x 2^up is saturated to 65535, for which it is 0.
+ * 23150 2^-(x 2^up / 2^11), rounded; x 2^up is saturated to 65535. From 2^15 on, 16 powers of two,
+ * it is 0: no factor of a slope, 2^15 at least, keeps a score that left 16 bits below that.
  *
  * x   0..65535
  * up  0..15
@@ -237,13 +238,13 @@ static inline uint16_t dvsm_fixed_exp2(uint32_t x, int up)
 	x = x > 65535u >> up ? 65535u : x << up;
 
 	/* The whole power nearest to x, and what is left: a fraction of 16 bits with a sign. */
-	uint32_t whole = ((x >> 11) + 1) >> 1;
-	int16_t t = (int16_t)(uint16_t)(x << 4), r = DVSM_FIXED_EXP2_C;
+	uint32_t whole = ((x >> 10) + 1) >> 1;
+	int16_t t = (int16_t)(uint16_t)(x << 5), r = DVSM_FIXED_EXP2_C;
 
 	r = (int16_t)(DVSM_FIXED_EXP2_B - dvsm_fixed_mulhrs(t, r));
 	r = (int16_t)(DVSM_FIXED_EXP2_A - dvsm_fixed_mulhrs(t, r));
 
-	uint32_t power = (uint32_t)(DVSM_FIXED_EXP2_ONE - dvsm_fixed_mulhrs(t, r));
+	uint64_t power = (uint64_t)(DVSM_FIXED_EXP2_ONE - dvsm_fixed_mulhrs(t, r));
 
 	return (uint16_t)(((power >> whole) + 1) >> 1);
 }
@@ -256,7 +257,7 @@ struct dvsm_fixed_slope {
 
 static inline struct dvsm_fixed_slope dvsm_fixed_slope_make(struct dvsm_fixed_scale scale)
 {
-	int shift = -scale.exponent - 27;
+	int shift = -scale.exponent - 26;
 
 	return (struct dvsm_fixed_slope){
 		.down = dvsm_fixed_clamp(shift, 0, 31),

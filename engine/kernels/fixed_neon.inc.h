@@ -216,15 +216,15 @@ static inline uint16x8_t exp2_of(uint16x8_t x, int up)
 	int16x8_t t, r, whole;
 
 	x = vqshlq_u16(x, vdupq_n_s16((int16_t)up));
-	t = vreinterpretq_s16_u16(vshlq_n_u16(x, 4));
+	t = vreinterpretq_s16_u16(vshlq_n_u16(x, 5));
 	r = vsubq_s16(b, vqrdmulhq_n_s16(t, DVSM_FIXED_EXP2_C));
 	r = vsubq_s16(a, vqrdmulhq_s16(t, r));
 	r = vsubq_s16(one, vqrdmulhq_s16(t, r));
-	whole = vreinterpretq_s16_u16(vrshrq_n_u16(x, 12));
+	whole = vreinterpretq_s16_u16(vrshrq_n_u16(x, 11));
 	return vrshrq_n_u16(vshlq_u16(vreinterpretq_u16_s16(r), vnegq_s16(whole)), 1);
 }
 
-/* How far four scores are from the top, in units of 2^-12 powers of two before `up`. */
+/* How far four scores are from the top, in units of 2^-11 powers of two before `up`. */
 static inline uint16x4_t distance(int32x4_t scores, int32x4_t top, struct dvsm_fixed_slope slope)
 {
 	uint32x4_t way = vreinterpretq_u32_s32(vmaxq_s32(vsubq_s32(top, scores), vdupq_n_s32(0)));

@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include <cmocka.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -518,6 +519,26 @@ EXACT(range, 200)
 EXACT(pack, 200)
 EXACT(attention, 300)
 
+/* From the top down beyond where scores leave 16 bits; a unit of a score is 2^-11 powers at most. */
+static void weights_follow_powers_of_two_however_far_a_score_is(void **state)
+{
+	(void)state;
+	for (int round = 0; round < 20000; round++) {
+		const struct dvsm_fixed_scale scale = draw_scale(-40, -26);
+		const struct dvsm_fixed_slope slope = dvsm_fixed_slope_make(scale);
+		const double unit = ldexp(scale.mantissa, scale.exponent);
+		const uint32_t way = (uint32_t)fmin(between(0, 4000) * 0.01 / unit, 0x1p30);
+		const uint32_t near = way >> slope.down < 65535 ? way >> slope.down : 65535;
+		const double p = dvsm_fixed_exp2(near * slope.factor >> 16, slope.up);
+		/* Two roundings to 2^-11 powers; the polynomial's; half a unit of p. */
+		const double want = 23150 * exp2(-(way * unit)), most = 0.6 + want * 8.8e-4;
+
+		if (fabs(p - want) > most)
+			fail_msg("%u units of %d 2^%d: weight %g, not %g", way, scale.mantissa,
+				 scale.exponent, p, want);
+	}
+}
+
 static void the_mask_chooses_what_each_tier_has_and_scalar_fills_the_rest(void **state)
 {
 	struct dvsm_fixed_kernels none = dvsm_fixed_kernels_choose(0);
@@ -563,6 +584,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(the_mask_chooses_what_each_tier_has_and_scalar_fills_the_rest),
+		cmocka_unit_test(weights_follow_powers_of_two_however_far_a_score_is),
 		cmocka_unit_test(gemm_is_exact_in_every_tier),
 		cmocka_unit_test(norm_is_exact_in_every_tier),
 		cmocka_unit_test(quantise_is_exact_in_every_tier),

@@ -176,12 +176,12 @@ static void expect_everywhere(const struct dvsm_model_config *config, uint32_t p
 static void the_bits_are_those_written_down(void **state)
 {
 	static const struct hashes even_bits = {
-		"76096475e56ae886e98d4c665e24cfd15a2fd7c16049a9d9e4cc2040bd2ec884",
-		"78dc128c11cef11c9db5dcb30fec531d0c9bcc8978886e5148a0c310c828ced8",
+		"efb71633dbbc30807cbbe0e8dfa9dc134425202ac655d0ce5be5cd64f4884de5",
+		"04860a23a573b7d412c31f15d0303804d417d8676cd76d2ce95040efa1b2a000",
 	};
 	static const struct hashes odd_bits = {
-		"afe1384a0f2cfa269412a0886071932318d98ad4a00b133fcefd1906ffd9ddb2",
-		"e7a2aad7c177cb42111bf5ab27dba9fd85399b1082bcd8be12ee9a21e362387d",
+		"dd4fc6245ebb9b4b44fdaaa50ce5eb9e7ff8d60a20dc26995a7022664dbe7af4",
+		"8319c6a40dcb164f0e07f3778eac8345833a2fd25e171fb38371a5fb91bfc880",
 	};
 
 	(void)state;
