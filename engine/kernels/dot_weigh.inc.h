@@ -1,6 +1,6 @@
 /*
  * Template: what attention over pairs of bfloat16 does beside its products. Included by
- * dot_attention.inc.h and amx_attention.inc.h, after attention_state.inc.h.
+ * dot_attention.inc.h and amx_online.inc.h, after attention_state.inc.h.
  *
  * The queries become pairs of depth, the weights pairs of keys: [pairs][QUERY_LANES][2]. The
  * weights take the place of the scores.
