@@ -70,12 +70,12 @@ def calibrates_from_the_button(appliance, shots):
 
 def captures_and_reconstructs_from_the_button(appliance, shots):
     appliance.press("capture", "State=capture")
-    feed_until(appliance, WALK, lambda: appliance.status()[1]["Views"] >= 6,
-               "not six views were kept", (900, 1800) if appliance.slow else (250, 600, 1200))
+    feed_until(appliance, WALK, lambda: appliance.status()[1]["Views"] >= 4,
+               "not four views were kept", (900, 1800) if appliance.slow else (250, 600, 1200))
     appliance.machine.screenshot(shots / "capture.png")
     if appliance.status()[1]["State"] == "capture":
-        appliance.press("capture", "State=view", ms=1300, timeout=120)
-    appliance.wait_for("State=view", 120)
+        appliance.press("capture", "State=view", ms=1300, timeout=150)
+    appliance.wait_for("State=view", 150)
     view = appliance.status()[1]
     lit, _ = appliance.read_led("state")
     expect(lit == 1.0, f"in view the LED is lit {lit:.2f} of the time")

@@ -169,7 +169,7 @@ class PrivateBus:
 PROFILE = """[capture]
 board = charuco:10x7:0.0285:0.0171:DICT_6X6_250
 views_min = 4
-views_max = 8
+views_max = 6
 reserve_mib = 8
 [display]
 output = none

@@ -103,6 +103,8 @@ def main():
     for folder in (shots, share):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
+    if not shutil.which("qemu-system-x86_64"):
+        sys.exit("vmtest: qemu-system-x86_64 is missing: ./run vmtest installs it")
     accelerator = arguments.accel or ("kvm" if kvm_works(arguments.image) else "tcg")
     report = Report()
     print(f"vmtest: {'KVM' if accelerator == 'kvm' else 'emulation (no working KVM here)'}, "
