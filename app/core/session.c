@@ -210,6 +210,38 @@ enum dio_status dio_session_reconstruct(struct dio_session *session, const struc
 	return DIO_OK;
 }
 
+enum dio_status dio_session_compare(struct dio_session *session, const struct dio_view_set *set,
+				    struct dvsm_half_error *errors, struct dio_error *error)
+{
+	struct dvsm_camera targets[DIO_COMPARE_TARGETS];
+	struct dvsm_measure_job job = {
+		.model = session->model,
+		.view_count = set->context_count,
+		.targets = targets,
+	};
+	struct dvsm_error fault = {0};
+	struct dvsm_view *views;
+	enum dvsm_status status;
+	float *block;
+
+	if (set->context_count == 0)
+		return dio_fail(error, DIO_BAD_ARG, "the scene has no context view");
+	views = make_engine_views(set->context, set->context_count, &block, error);
+	if (!views)
+		return DIO_NO_MEM;
+	for (uint32_t i = 0; i < set->target_count && i < DIO_COMPARE_TARGETS;
+	     i++, job.target_count++)
+		targets[i] = dio_view_engine_camera(&set->target[i].camera, &set->target[i].pose);
+	job.views = views;
+	job.patch_recon = dio_session_get_patch_recon(session, &set->context[0].camera);
+	if (job.target_count)
+		job.patch_render = dio_session_get_patch_render(session, &set->target[0].camera);
+	status = dvsm_activations_measure(&job, errors, &fault);
+	free(views);
+	free(block);
+	return dio_status_from_engine(status, &fault, error);
+}
+
 enum dio_status dio_session_open_scene(struct dio_session *session, const char *path,
 				       struct dio_error *error)
 {

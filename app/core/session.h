@@ -42,6 +42,18 @@ enum dio_status dio_session_reconstruct(struct dio_session *session, const struc
  */
 void dio_session_set_progress(struct dio_session *session, dvsm_progress_fn *progress,
 			      void *context);
+/** Targets of a scene that dio_session_compare() renders at most. */
+#define DIO_COMPARE_TARGETS 4u
+
+/**
+ * Compare what fixed computes with what float32 does, layer by layer: the set's context
+ * reconstructed, its first targets rendered (they need no picture).
+ *
+ * errors   receives [2 layers of the model]
+ */
+enum dio_status dio_session_compare(struct dio_session *session, const struct dio_view_set *set,
+				    struct dvsm_half_error *errors, struct dio_error *error);
+
 /** Open or save the scene file. */
 enum dio_status dio_session_open_scene(struct dio_session *session, const char *path,
 				       struct dio_error *error);

@@ -1,5 +1,23 @@
 #include "fixed/block.h"
 
+/* ---- what a trace is told ---- */
+
+/* Which half block this is: 2 layer, plus 1 for the cross-view half. */
+static size_t index_of(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half)
+{
+	const char *first = (const char *)run->model->blocks;
+
+	return (size_t)((const char *)half - first) / sizeof(*half);
+}
+
+/* Which token's row of the residual stream this is. */
+static size_t token_of(const struct dvsm_fixed_run *run, const int32_t *x)
+{
+	return (size_t)(x - run->work.x) / run->config->dim;
+}
+
+/* ---- steps ---- */
+
 static struct dvsm_fixed_product key_product(const struct dvsm_fixed_run *run,
 					     const struct dvsm_fixed_half *half, int16_t *kv)
 {
@@ -57,7 +75,14 @@ static void run_mlp(const struct dvsm_fixed_run *run, const struct dvsm_fixed_ha
 	};
 
 	dvsm_fixed_step_products(run, tokens, &up, 1);
+	if (run->trace)
+		dvsm_trace_narrow(run->trace, index_of(run, half), DVSM_TRACE_HIDDEN,
+				  token_of(run, x), work->wide, tokens, half->up.out,
+				  half->hidden_fraction, 0);
 	dvsm_fixed_step_products(run, tokens, &down, 1);
+	if (run->trace)
+		dvsm_trace_stream(run->trace, index_of(run, half), token_of(run, x), x, tokens,
+				  run->model->fraction);
 }
 
 /* x += Wo attention(queries in work.wide, layer); then the MLP. */
@@ -82,6 +107,10 @@ static void attend_and_mix(const struct dvsm_fixed_run *run, const struct dvsm_f
 	};
 
 	dvsm_fixed_step_attention(run, half, work->wide, tokens, layer, quantise);
+	if (run->trace)
+		dvsm_trace_narrow(run->trace, index_of(run, half), DVSM_TRACE_ATTENTION,
+				  token_of(run, x), work->mixed, tokens, run->config->dim,
+				  half->mixed_fraction, run->config->dim / run->config->heads);
 	dvsm_fixed_step_products(run, tokens, &out, 1);
 	run_mlp(run, half, x, tokens, next);
 }
@@ -99,6 +128,9 @@ void dvsm_fixed_block_intra(const struct dvsm_fixed_run *run, uint32_t layer, in
 	own.padded = dvsm_fixed_pad(tokens, DVSM_FIXED_KEY_PAD);
 	dvsm_fixed_step_products(run, tokens, products, 2);
 	dvsm_fixed_step_pack(run, half, kv, &own);
+	if (run->trace)
+		dvsm_trace_packed(run->trace, index_of(run, half), token_of(run, x), kv, tokens,
+				  run->work.channels, half->value_fraction);
 	attend_and_mix(run, half, x, tokens, &own, norm_then(x, &block->cross.norm, input));
 }
 

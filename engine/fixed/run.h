@@ -5,6 +5,7 @@
 #include <stdatomic.h>
 
 #include "fixed/layer.h"
+#include "forward/trace.h"
 #include "forward/workspace.h"
 #include "threads/pool.h"
 
@@ -62,6 +63,7 @@ struct dvsm_fixed_run {
 	const struct dvsm_fixed_model *model;
 	const struct dvsm_fixed_kernels *kernels;
 	struct dvsm_pool *pool;
+	struct dvsm_trace *trace; /* NULL, or compares what the blocks compute */
 	struct dvsm_fixed_workspace work;
 	_Atomic uint64_t *clamped; /* counts colours that were; used by rendering alone */
 };

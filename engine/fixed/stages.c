@@ -42,6 +42,9 @@ static void run_block(const struct dvsm_fixed_run *run, struct dvsm_scene *scene
 		dvsm_fixed_block_cross_keys(run, layer, tokens, kv);
 	}
 	dvsm_fixed_step_pack(run, &block->cross, run->work.kv, &cache);
+	if (run->trace)
+		dvsm_trace_packed(run->trace, 2 * (size_t)layer + 1, 0, run->work.kv, scene->tokens,
+				  run->work.channels, block->cross.value_fraction);
 	if (layer + 1 == scene->layers)
 		return;
 	for (uint32_t v = 0; v < scene->views; v++) {

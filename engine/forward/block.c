@@ -105,6 +105,43 @@ static struct dvsm_heads own_heads(const struct dvsm_run *run, const struct tile
 	};
 }
 
+/* ---- what a trace is told ---- */
+
+/* Which half block these weights are: 2 layer, plus 1 for the cross-view half. */
+static size_t half_of(const struct dvsm_run *run, const struct dvsm_half_weights *weights)
+{
+	const char *first = (const char *)run->weights->blocks;
+
+	return (size_t)((const char *)weights - first) / sizeof(*weights);
+}
+
+/* Rows of a tile, [rows][width]; floats, because only float32 is traced. */
+static void trace_rows(const struct dvsm_run *run, const struct tile *tile,
+		       const struct dvsm_half_weights *weights, enum dvsm_trace_what what,
+		       const float *x, size_t width)
+{
+	if (run->trace)
+		dvsm_trace_floats(run->trace, half_of(run, weights), what,
+				  tile->view_token + tile->first, x, tile->rows, width);
+}
+
+/* Keys and values within each view. */
+static void trace_own_heads(const struct dvsm_run *run, uint32_t layer,
+			    const struct dvsm_group *group)
+{
+	struct tile view = {0};
+
+	for (uint32_t v = 0; run->trace && v < group->views; v++) {
+		view.view_tokens = tokens_of(group, v);
+
+		const struct dvsm_heads own = own_heads(run, &view);
+
+		dvsm_trace_float_heads(run->trace, 2 * (size_t)layer, group->first_token[v],
+				       own.keys, own.values, own.total);
+		view.view_row += dvsm_group_rows(view.view_tokens);
+	}
+}
+
 /* ---- steps of a tile ---- */
 
 static void norm(const struct dvsm_run *run, const struct tile *tile, const float *weight)
@@ -185,13 +222,16 @@ static void attend_and_mix(const struct dvsm_run *run, const struct tile *tile,
 				    dvsm_tile_length(tile->rows, most, i),
 				    dvsm_run_scratch(run, worker));
 	}
+	trace_rows(run, tile, weights, DVSM_TRACE_ATTENTION, normed(run, tile), dim);
 	dvsm_rows_product(run, normed(run, tile), tile->rows, &weights->out, residual(run, tile),
 			  dim, DVSM_EPILOGUE_ADD);
 	norm(run, tile, weights->mlp_norm);
 	dvsm_rows_product(run, normed(run, tile), tile->rows, &weights->up, wide(run, tile),
 			  weights->up.out, DVSM_EPILOGUE_GELU);
+	trace_rows(run, tile, weights, DVSM_TRACE_HIDDEN, wide(run, tile), weights->up.out);
 	dvsm_rows_product(run, wide(run, tile), tile->rows, &weights->down, residual(run, tile),
 			  dim, DVSM_EPILOGUE_ADD);
+	trace_rows(run, tile, weights, DVSM_TRACE_OUTPUT, residual(run, tile), dim);
 }
 
 /* ---- parts of the layer ---- */
@@ -255,6 +295,7 @@ void dvsm_block_intra(const struct dvsm_run *run, uint32_t layer, const struct d
 		      const struct dvsm_heads *cache)
 {
 	run_tiles(run, layer, group, cache, keys_task);
+	trace_own_heads(run, layer, group);
 	run_tiles(run, layer, group, cache, intra_task);
 }
 
@@ -268,5 +309,6 @@ void dvsm_block_render(const struct dvsm_run *run, uint32_t layer, const struct 
 		       const struct dvsm_heads *cache)
 {
 	run_tiles(run, layer, group, cache, keys_task);
+	trace_own_heads(run, layer, group);
 	run_tiles(run, layer, group, cache, render_task);
 }

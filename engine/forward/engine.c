@@ -182,6 +182,7 @@ struct dvsm_run dvsm_engine_begin(const struct dvsm_engine *engine,
 		.weights = &engine->weights.w,
 		.kernels = engine->kernels,
 		.pool = engine->pool,
+		.trace = dvsm_trace_begin(engine->trace, size.tokens),
 		.work = dvsm_workspace_place(&arena, config, &size, engine->kernels),
 	};
 }
@@ -200,6 +201,7 @@ struct dvsm_fixed_run dvsm_engine_begin_fixed(const struct dvsm_engine *engine,
 		.model = engine->fixed,
 		.kernels = &engine->fixed_kernels,
 		.pool = engine->pool,
+		.trace = dvsm_trace_begin(engine->trace, size.tokens),
 		.work = dvsm_fixed_workspace_place(&arena, config, &size),
 	};
 }

@@ -59,6 +59,9 @@ static void run_block(const struct dvsm_run *run, const struct dvsm_scene *scene
 		group = group_from(scene, v);
 		dvsm_block_intra(run, layer, &group, &cache);
 	}
+	if (run->trace)
+		dvsm_trace_float_heads(run->trace, 2 * (size_t)layer + 1, 0, cache.keys,
+				       cache.values, scene->tokens);
 	if (layer + 1 == scene->layers)
 		return;
 	for (uint32_t v = 0; v < scene->views; v += group.views) {

@@ -5,6 +5,7 @@
 #ifndef DVSM_FORWARD_STEPS_H
 #define DVSM_FORWARD_STEPS_H
 
+#include "forward/trace.h"
 #include "forward/workspace.h"
 #include "kernels/kernels.h"
 #include "model/model.h"
@@ -16,6 +17,7 @@ struct dvsm_run {
 	const struct dvsm_weights *weights; /* as the kernels read them */
 	const struct dvsm_kernels *kernels;
 	struct dvsm_pool *pool;
+	struct dvsm_trace *trace; /* NULL, or notes what the blocks compute */
 	struct dvsm_workspace work;
 };
 

@@ -180,6 +180,37 @@ DVSM_API enum dvsm_status dvsm_render_rgb8(struct dvsm_engine *engine,
 					   uint8_t *out, struct dvsm_stats *stats,
 					   struct dvsm_error *error);
 
+/** What precisions are compared on: a scene, reconstructed, and some of its viewpoints, rendered.
+ */
+struct dvsm_measure_job {
+	const struct dvsm_model *model;
+	const struct dvsm_view *views; /* [view_count] */
+	uint32_t view_count, patch_recon;
+	const struct dvsm_camera *targets; /* [target_count], or NULL */
+	uint32_t target_count, patch_render;
+	uint32_t threads; /* 0: all */
+};
+
+/**
+ * How far fixed is from float32 in half a block, with all that came before it: 10 log10 of
+ * float32's squares over the differences', over rows of tokens at equal distances. Keys less their
+ * mean, and values, are as int8 holds them. NaN where nothing was computed.
+ */
+struct dvsm_half_error {
+	double keys_db, values_db, attention_db, hidden_db, output_db;
+};
+
+/**
+ * Run a scene in float32 and in fixed and compare what their blocks compute.
+ *
+ * errors  receives [2 layers]: intra-view and cross-view half of each block
+ *
+ * DVSM_UNSUPPORTED  a model that fixed does not take
+ */
+DVSM_API enum dvsm_status dvsm_activations_measure(const struct dvsm_measure_job *job,
+						   struct dvsm_half_error *errors,
+						   struct dvsm_error *error);
+
 #ifdef __cplusplus
 }
 #endif

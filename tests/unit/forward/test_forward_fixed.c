@@ -470,6 +470,34 @@ static void a_quantised_file_renders_in_floats(void **state)
 	dvsm_model_close(quantised);
 }
 
+/* Every half block is compared, in one basis: int8 is some 40 dB away, nothing is equal. */
+static void layers_are_compared_with_float32(void **state)
+{
+	struct fixture *f = *state;
+	struct dvsm_half_error errors[6];
+	struct dvsm_measure_job job = {.model = f->model, .views = f->views, .view_count = VIEWS};
+	const size_t halves = 2 * (size_t)odd.layers;
+
+	assert_true(halves == sizeof(errors) / sizeof(errors[0]));
+	assert_int_equal(dvsm_activations_measure(&job, errors, &f->error), DVSM_OK);
+	assert_true(errors[0].output_db > 30 && isnan(errors[halves - 1].output_db));
+	assert_true(errors[halves - 1].keys_db > 25);
+
+	job.targets = &f->target;
+	job.target_count = 1;
+	assert_int_equal(dvsm_activations_measure(&job, errors, &f->error), DVSM_OK);
+	for (size_t i = 0; i < halves; i++) {
+		const double figures[5] = {errors[i].keys_db, errors[i].values_db,
+					   errors[i].attention_db, errors[i].hidden_db,
+					   errors[i].output_db};
+
+		for (size_t n = 0; n < 5; n++)
+			assert_true(figures[n] > 25 && figures[n] < 80);
+	}
+	job.views = NULL;
+	assert_int_equal(dvsm_activations_measure(&job, errors, &f->error), DVSM_BAD_ARG);
+}
+
 /* Far targets have moments that outgrow 14 bits by far; pictures of nothing have no gradient. */
 static void far_targets_and_empty_pictures_are_rendered(void **state)
 {
@@ -505,6 +533,7 @@ int main(void)
 		TEST(a_quantised_file_gives_the_same_bits),
 		TEST(a_scene_opens_with_the_quantised_file_and_its_source),
 		TEST(a_quantised_file_renders_in_floats),
+		TEST(layers_are_compared_with_float32),
 		TEST(far_targets_and_empty_pictures_are_rendered),
 	};
 
