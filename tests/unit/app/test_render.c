@@ -224,6 +224,32 @@ static void pictures_are_called_after_their_targets(void **state)
 	dio_picture_deinit(&picture);
 }
 
+/* The numbers are the engine's affair; here: the table, its worst line, JSON, and refusals. */
+static void quantize_compares_layers_on_a_scene(void **state)
+{
+	char model[FIXTURE_PATH_SIZE], scene[FIXTURE_PATH_SIZE];
+
+	(void)state;
+	if (!find_tiny(model, scene))
+		skip();
+	fixture_diorama(&run, "quantize", model, "--out", fixture_path("m8.safetensors"),
+			"--calibration", scene, NULL);
+	expect_success();
+	assert_non_null(strstr(run.out, "block 0   cross"));
+	assert_non_null(strstr(run.out, "\nworst: "));
+	fixture_diorama(&run, "quantize", model, "--out", fixture_path("m8.safetensors"),
+			"--calibration", scene, "--json", NULL);
+	expect_success();
+	assert_non_null(strstr(run.out, "\"layers\""));
+	assert_non_null(strstr(run.out, "\"output_db\""));
+	fixture_diorama(&run, "quantize", model, "--out", fixture_path("m8.safetensors"), NULL);
+	expect_success();
+	assert_null(strstr(run.out, "block 0"));
+	fixture_diorama(&run, "quantize", model, "--out", fixture_path("m8.safetensors"),
+			"--calibration", fixture_path("nowhere.json"), NULL);
+	fixture_expect_refusal(&run, 1, "nowhere.json");
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -232,6 +258,7 @@ int main(void)
 		cmocka_unit_test(a_cache_of_another_model_is_refused),
 		cmocka_unit_test(a_path_becomes_a_film_of_its_name),
 		cmocka_unit_test(pictures_are_called_after_their_targets),
+		cmocka_unit_test(quantize_compares_layers_on_a_scene),
 	};
 
 	return cmocka_run_group_tests(tests, fixture_setup, fixture_teardown);
