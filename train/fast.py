@@ -74,8 +74,8 @@ class Function(torch.autograd.Function):
         weights = [weight.contiguous() for weight in weights]
         y = torch.empty_like(targets)
         (scenes, views, near), (asked, far) = context.shape[:3], targets.shape[1:3]
-        if blocks.library.forward(blocks.handle, addresses(weights), scenes, views, near, asked, far,
-                                  context.data_ptr(), targets.data_ptr(), y.data_ptr()) != 0:
+        if blocks.library.forward(blocks.handle, addresses(weights), scenes, views, near, asked,
+                                  far, context.data_ptr(), targets.data_ptr(), y.data_ptr()) != 0:
             raise MemoryError("dio_blocks_forward: no memory or no threads")
         blocks.calls += 1
         ctx.blocks, ctx.call, ctx.weights = blocks, blocks.calls, weights
@@ -87,12 +87,12 @@ class Function(torch.autograd.Function):
         if ctx.call != ctx.blocks.calls:
             raise RuntimeError("the blocks went forward again: only the last call can go back")
         dy = dy.float().contiguous()
-        dx = [torch.empty(shape) for shape in ctx.shapes]
+        near, far = (torch.empty(shape) for shape in ctx.shapes)
         gradients = [torch.empty_like(weight) for weight in ctx.weights]
-        if ctx.blocks.library.backward(ctx.blocks.handle, dy.data_ptr(), *map(torch.Tensor.data_ptr, dx),
-                                       addresses(gradients)) != 0:
+        if ctx.blocks.library.backward(ctx.blocks.handle, dy.data_ptr(), near.data_ptr(),
+                                       far.data_ptr(), addresses(gradients)) != 0:
             raise MemoryError("dio_blocks_backward: no threads")
-        return None, *dx, *gradients
+        return None, near, far, *gradients
 
 
 def open_library(path=None):

@@ -37,8 +37,8 @@ def box_matrix(length):
 
 
 def box_means(x):
-    """Means over 7 x 7 boxes; [n,c,h,w]. As products they take a CPU a fifth of the time of pooling; a
-    GPU would take them in TF32, too coarse for the variances made of them."""
+    """Means over 7 x 7 boxes; [n,c,h,w]. As products they take a CPU half the time of pooling, with
+    all of the loss around them; a GPU would take them in TF32, too coarse for variances."""
     if x.device.type != "cpu":
         return F.avg_pool2d(x, BOX, 1)
     return box_matrix(x.shape[-2]) @ x @ box_matrix(x.shape[-1]).T

@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""How long a training step takes here: PyTorch alone beside what training uses, as a Markdown table.
+"""How long a training step takes: PyTorch alone beside what training uses, as a Markdown table.
 
   throughput.py [--threads N] [--steps N] [--only NAME ...]
 
-The step is that of recipes/cpu.json with 4 context views: forward, loss, backward, optimiser, average
-of the weights; scenes are drawn before. Its products are counted from the shapes; the matrix rate is
-that of PyTorch's own bfloat16 product of 2048 x 2048 matrices, measured in between. Fastest of N.
+The step has the network of recipes/cpu.json and 5 scenes of 4 context and 8 target views: forward,
+loss, backward, optimiser, average of the weights; scenes are drawn before. Its products are counted
+from the shapes; the matrix rate is that of PyTorch's own product of 2048 x 2048 matrices, measured
+first. Fastest of N.
 """
 import argparse
 import json
@@ -97,11 +98,11 @@ def main():
     with open(os.path.join(HERE, "recipes", "cpu.json"), encoding="utf-8") as file:
         recipe = json.load(file)
     if "blocks" in args.only and not fast.open_library():
-        raise SystemExit("throughput: no AMX, or libdio_blocks.so is not built (cmake --build --preset "
-                         "release --target dio_blocks); name the others with --only")
+        raise SystemExit("throughput: no AMX, or libdio_blocks.so is not built (cmake --build "
+                         "--preset release --target dio_blocks); name the others with --only")
     rates = matrix_rate(args.steps)
-    print(f"{args.threads} threads; products of {2048} x {2048}: float32 {rates[0] / 1e9:.0f}, bfloat16 "
-          f"{rates[1] / 1e9:.0f} GFLOP/s\n")
+    print(f"{args.threads} threads; products of 2048 x 2048: float32 {rates[0] / 1e9:.0f}, "
+          f"bfloat16 {rates[1] / 1e9:.0f} GFLOP/s\n")
     print("| step | seconds | tokens a second | GFLOP/s in products | share of the matrix rate |\n"
           "|---|---|---|---|---|")
     for name in args.only:

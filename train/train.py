@@ -291,7 +291,7 @@ class Clock:
 
 
 def keep_memory():
-    """Have glibc keep what a step frees: fresh pages cost a CPU as much as the sums done on them."""
+    """Have glibc keep what a step frees: fresh pages cost a CPU as much as the sums on them."""
     trim_threshold, top_pad, mmap_threshold, arena_max = -1, -2, -3, -8
     try:
         mallopt = ctypes.CDLL(None).mallopt
