@@ -91,8 +91,10 @@ static struct stress_outcome run_or_fault(const struct stress_job *job,
  * the same ones both times unless a number falls on the other side of a rounding step. */
 #define SAME_DB 55.0
 
-/* Where sums have other terms than before, many numbers fall on the other side. */
-#define OTHER_SUMS_DB 48.0
+/* Where keys come in another order or number, attention's maximum runs another way, weights move in
+ * their last bit and many int8 numbers fall on the other side: what is left is two pictures each as
+ * far from float32 as rounding puts it, some 50 dB with drawn weights. */
+#define OTHER_SUMS_DB 46.0
 
 /* The picture of `world`, changed, against the one from before: f32 to 1e-4 of full scale, the
  * others to `least_db`. */
