@@ -58,7 +58,7 @@ def calibrates_from_the_button(appliance, shots):
         view = appliance.status()[1]
         if view["State"] == "calibrate" and view["BoardViews"] >= 12 and view["Coverage"] > 0.45:
             appliance.machine.screenshot(shots / "calibrate.png")
-            appliance.press("calibrate", "Calibrated=true", tries=1)
+            appliance.press("calibrate", "Calibrated=true", timeout=120, tries=1)
         return appliance.status()[1]["Calibrated"]
 
     ms = feed_until(appliance, DANCE, is_done, "the camera is not calibrated",
@@ -87,6 +87,19 @@ def psnr(a, b):
     return 99.0 if error == 0 else 10 * np.log10(255 ** 2 / error)
 
 
+def photograph(appliance, path):
+    """A picture of the screen whose patch is known: rendering keeps to it before and after."""
+    for _ in range(10):
+        before = appliance.status()[1]
+        # The camera shows one frame for ever; what is on the screen is of it, and of this patch.
+        time.sleep(5 if appliance.slow else 1)
+        appliance.machine.screenshot(path)
+        after = appliance.status()[1]
+        if before["PatchPx"] == after["PatchPx"]:
+            return after
+    raise Failure(f"the patch does not settle: {before['PatchPx']}, then {after['PatchPx']}")
+
+
 def shows_what_render_renders(appliance, shots, tools):
     """The screen against `diorama render` of the same scene, pose and patch on the host."""
     frame = WALK[0] + 20
@@ -96,12 +109,9 @@ def shows_what_render_renders(appliance, shots, tools):
     try:
         appliance.wait_for("State=view", 90)
         appliance.wait_for("Source=tracked", 60)
-        # The picture on the screen is of this frame: it is the only one, and it stays.
-        time.sleep(6 if appliance.slow else 2)
         folder = appliance.must(f"rm -rf /var/lib/diorama/scenes/{SAVED}; "
                                 f"diorama ctl save {SAVED}").strip()
-        appliance.machine.screenshot(shots / "view.png")
-        view = appliance.status()[1]
+        view = photograph(appliance, shots / "view.png")
         expect(view["Source"] == "tracked", f"it is shown from {view['Source']}")
         appliance.must(f"rm -rf /share/{SAVED}; cp -r {folder} /share/{SAVED}")
     finally:

@@ -5,6 +5,7 @@ written since whatever the disk got round to. For each cut an image is made of j
 write before the last flush, and of those after it each is there, is not, or ends at some sector,
 as dice fall. A reset of the machine would be kinder: it keeps all that reached the disk's cache.
 """
+import configparser
 import json
 import os
 import random
@@ -166,23 +167,19 @@ class PrivateBus:
         self.process.wait()
 
 
-PROFILE = """[capture]
-board = charuco:10x7:0.0285:0.0171:DICT_6X6_250
-views_min = 4
-views_max = 6
-reserve_mib = 8
-[display]
-output = none
-[engine]
-model = {model}
-threads = 1
-render_width = 256
-render_height = 192
-patch_render = 16
-[paths]
-state = {state}
-runtime = {state}
-"""
+def make_profile(state):
+    """The machine's own profile for a viewer on the host: no devices, its files in `state`."""
+    root = Path(__file__).resolve().parents[2]
+    own, profile = configparser.ConfigParser(), configparser.ConfigParser()
+    own.read(root / "board" / "vm.ini")
+    profile["capture"] = own["capture"]
+    profile["engine"] = {**own["engine"], "threads": "1",
+                         "model": str(root / "models" / "diorama-s.safetensors")}
+    profile["display"] = {"output": "none"}
+    profile["paths"] = {"state": str(state), "runtime": str(state)}
+    with open(state / "board.ini", "w") as file:
+        profile.write(file)
+    return state / "board.ini"
 
 
 def look_at(cuts, image, bus, facts):
@@ -223,9 +220,7 @@ def check_saved(cuts, state, names):
 
 def check_viewer(cuts, state, bus):
     """The display daemon opens what is there, takes up what was under way, and shows a scene."""
-    model = Path(__file__).resolve().parents[2] / "models" / "diorama-s.safetensors"
-    profile = state / "board.ini"
-    profile.write_text(PROFILE.format(model=model, state=state.resolve()))
+    profile = make_profile(state.resolve())
     environment = dict(os.environ, DIORAMA_BUS=bus)
     with open(state / "log", "w+") as log:
         viewer = subprocess.Popen([cuts.tools / "diorama-viewd", "--profile", profile, "--bus", bus],
