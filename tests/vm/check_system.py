@@ -35,12 +35,24 @@ def units_are_locked_down(appliance):
     return ", ".join(levels)
 
 
+def without_late_threads(lines):
+    """Without the traces of vivid's own threads that woke up late, as all does when emulated: they
+    then wait for a negative time, which the kernel reports and takes for none."""
+    kept, inside = [], False
+    for line in lines:
+        inside = inside or "schedule_timeout: wrong timeout value" in line
+        if not inside:
+            kept.append(line)
+        inside = inside and "</TASK>" not in line
+    return kept
+
+
 def log_is_clean(appliance):
     """No failed unit, nothing of ours in the kernel's warnings, no warning of systemd's on us."""
     failed = appliance.run("systemctl --failed --plain --no-legend")[1].strip()
     expect(not failed, f"failed units: {failed}")
-    kernel = appliance.must("dmesg --level=emerg,alert,crit,err,warn").splitlines()
-    ours = [line for line in kernel if re.search(
+    kernel = appliance.must("journalctl -k -b -p warning -o cat --no-pager").splitlines()
+    ours = [line for line in without_late_threads(kernel) if re.search(
         r"diorama|camera|engine|WARNING|BUG|Oops|segfault|vivid|bochs|drm|gpio|vdb", line)]
     ours = [line for line in ours if not re.search(r"vivid.*(injecting|out-of-tree)|taint", line)]
     expect(not ours, f"{len(ours)} lines: {ours[0] if ours else ''}")
@@ -110,6 +122,8 @@ def comes_back_after_a_reset(appliance, boot_s):
     appliance.run("diorama ctl reconstruct; diorama ctl --timeout 5 wait State=reconstruct")
     appliance.machine.reset()
     appliance.machine.wait_boot(boot_s)
+    if appliance.slow:
+        appliance.set_watchdogs(patient=True)
     appliance.wait_for("State=view", 120)
     view = appliance.status()[1]
     expect(view["Views"] == before["Views"] and view["Calibrated"],

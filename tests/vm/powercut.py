@@ -20,7 +20,7 @@ from threading import Thread
 from report import Failure, expect
 
 CUTS = 50
-ROUNDS = 4
+ROUNDS = 2
 SECTOR = 512
 FLUSH, DISCARD = 1, 4
 MAGIC = 0x6A736677736872
