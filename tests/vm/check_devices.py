@@ -89,7 +89,7 @@ def viewer_survives_killed_capture(appliance):
     """Kill the capture daemon; it comes back, its readers find it, and the viewer never went."""
     viewer = appliance.main_pid("diorama-viewd")
     before = appliance.restarts("diorama-captured")
-    state = appliance.status()[1]["State"]
+    appliance.wait_for("State=view", 120)
     took, diary = watch(appliance, f"{UPTIME}; kill -KILL "
                         "$(systemctl show -P MainPID diorama-captured.service)", KILLS, 20)
     expect(appliance.restarts("diorama-captured") - before == KILLS,
@@ -97,7 +97,7 @@ def viewer_survives_killed_capture(appliance):
     expect(diary.count("state absent") >= KILLS, f"a reader saw it go {diary.count('state absent')} times")
     expect(appliance.main_pid("diorama-viewd") == viewer, "the viewer was started anew")
     now = appliance.status()[1]["State"]
-    expect(now == state, f"the viewer went from {state} to {now}")
+    expect(now == "view", f"the viewer went from view to {now}")
     return f"{KILLS} times, frames again after {max(took):.1f} s at worst; the viewer stays in {now}"
 
 
