@@ -1,6 +1,5 @@
 """Camera, lines and display under real drivers."""
 import re
-import time
 
 from appliance import FRAME_BYTES, NOISE, SOCKET, wait_until
 from report import expect
@@ -117,78 +116,6 @@ def libcamera_captures(appliance):
     finally:
         appliance.restart("diorama-captured")
         appliance.run("modprobe -r vimc")
-
-
-# Faults that vivid injects, as controls of its capture node, and what sets them right again.
-FAULTS = (("inject_v4l2_buf_flag_error=1", None), ("inject_vidioc_streamon_error=1", None),
-          ("inject_vidioc_reqbufs_error=1", None),
-          ("dv_timings_signal_mode=1", "dv_timings_signal_mode=0"),
-          ("dv_timings_signal_mode=2", "dv_timings_signal_mode=0"))
-
-
-def list_controls(appliance):
-    out = appliance.must("v4l2-ctl -d /dev/diorama/camera --list-ctrls")
-    return re.findall(r"^\s*(\w+) 0x", out, re.M)
-
-
-def abuse_at_the_edges(appliance):
-    """Sizes, rates and formats at their edges: each opens and streams, or is refused in a line."""
-    appliance.must("systemctl stop diorama-captured.service")
-    sizes = [(0, None), (1, 1), (2, 2), (16, 16), (639, 479), (641, 481), (3840, 2160), (4096, 4096),
-             (16384, 16384), (65535, 3), (4294967295, 4294967295)]
-    streamed = refused = 0
-    try:
-        for width, height in sizes:
-            for fps in ("0", "0.001", "1000"):
-                code, out = appliance.run("/share/vm_camera v4l2:/dev/diorama/camera "
-                                          f"{width} {height} {fps} 1 1", 30)
-                expect(code == 0 and re.match(r"(ok|status \d+: .*camera)", out),
-                       f"{width}x{height} at {fps}: {code} {out.strip()}")
-                streamed += out.startswith("ok")
-                refused += not out.startswith("ok")
-        expect(streamed > 0, "no size streamed")
-        formats = re.findall(r"'(....)'", appliance.must(
-            "v4l2-ctl -d /dev/diorama/camera --list-formats"))
-        for name in formats:
-            appliance.run(f"v4l2-ctl -d /dev/diorama/camera --set-fmt-video=pixelformat='{name}'")
-            code, out = appliance.run(
-                "/share/vm_camera v4l2:/dev/diorama/camera 0 0 0 1 1", 30)
-            expect(code == 0 and out.startswith("ok"), f"left in {name}: {code} {out.strip()}")
-        # Another process has the buffers, one or as many as the driver gives.
-        for count in (1, 2, 32):
-            code, out = appliance.run(
-                f"v4l2-ctl -d /dev/diorama/camera --stream-mmap={count} --stream-count=1000 "
-                "> /dev/null 2>&1 & other=$!; sleep 1.5; "
-                "/share/vm_camera v4l2:/dev/diorama/camera 0 0 0 1 1; kill $other; wait", 30)
-            expect("in use by another process" in out, f"{count} buffers elsewhere: {out.strip()}")
-        code, out = appliance.run("/share/vm_camera v4l2:/dev/diorama/camera 640 480 60 2 30", 120)
-        expect(code == 0 and out.count("ok") == 30, f"opened 30 times in a row: {out.strip()[-200:]}")
-    finally:
-        appliance.set_camera()
-    return (f"{len(sizes) * 3} sizes and rates ({streamed} stream, {refused} are refused in a line), "
-            f"{len(formats)} formats found in force, taken buffers, 30 openings")
-
-
-def faults_are_survived(appliance):
-    """Errors that the driver injects while the daemon streams."""
-    known = list_controls(appliance)
-    done = []
-    appliance.wait_for("Camera=streaming")
-    pid = appliance.main_pid("diorama-captured")
-    for fault, remedy in FAULTS:
-        if fault.split("=")[0] not in known:
-            continue
-        appliance.must(f"v4l2-ctl -d /dev/diorama/camera --set-ctrl={fault}; sleep 1.2")
-        if remedy:
-            appliance.must(f"v4l2-ctl -d /dev/diorama/camera --set-ctrl={remedy}")
-        appliance.wait_for("Camera=streaming", 20)
-        before = appliance.status()[0]["Frames"]
-        expect(wait_until(lambda: appliance.status()[0]["Frames"] > before + 3, 20),
-               f"{fault}: no frames any more")
-        done.append(fault)
-    expect(len(done) >= 4, f"vivid offers only {done}")
-    expect(appliance.main_pid("diorama-captured") == pid, "the daemon was started anew")
-    return ", ".join(done)
 
 
 def device_tests_pass(appliance):

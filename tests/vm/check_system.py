@@ -1,13 +1,11 @@
 """Units, log, read-only root, watchdog, growth, packages."""
 import re
-import time
 
 from appliance import SOCKET, wait_until
 from report import expect
 
 UNITS = ("diorama-captured", "diorama-viewd")
 EXPOSURE_MAX = 2.0
-GROWTH_MAX_KIB = 1024
 
 
 def comes_up_on_a_read_only_root(appliance):
@@ -57,78 +55,6 @@ def log_is_clean(appliance):
     ours = [line for line in ours if not re.search(r"vivid.*(injecting|out-of-tree)|taint", line)]
     expect(not ours, f"{len(ours)} lines: {ours[0] if ours else ''}")
     return f"{len(kernel)} warnings of the kernel, none of them ours"
-
-
-def watchdog_restarts_a_hung_viewer(appliance):
-    if appliance.slow:
-        appliance.set_watchdogs(patient=False)
-        appliance.wait_for("State=view", 90)
-    pid, before = appliance.main_pid("diorama-viewd"), appliance.restarts("diorama-viewd")
-    start = time.monotonic()
-    appliance.must(f"kill -STOP {pid}")
-    expect(wait_until(lambda: appliance.restarts("diorama-viewd") > before, 60),
-           "it hangs and is not started anew")
-    took = time.monotonic() - start
-    appliance.wait_for("State=view", 90)
-    expect(appliance.main_pid("diorama-viewd") != pid, "the same process")
-    result = appliance.run("journalctl -u diorama-viewd -o cat --no-pager | grep -c 'Watchdog timeout'")
-    expect(result[0] == 0, "systemd says nothing of the watchdog")
-    if appliance.slow:
-        appliance.set_watchdogs(patient=True)
-    return f"started anew {took:.0f} s after it hung, and shows its scene again"
-
-
-def measure(appliance):
-    """{unit: (memory of its own in KiB, descriptors, threads)}"""
-    found = {}
-    for unit in UNITS:
-        pid = appliance.main_pid(unit)
-        out = appliance.must(f"grep -E '^(RssAnon|Threads)' /proc/{pid}/status; "
-                             f"ls /proc/{pid}/fd | wc -l")
-        found[unit] = (int(re.search(r"RssAnon:\s+(\d+)", out)[1]), int(out.split()[-1]),
-                       int(re.search(r"Threads:\s+(\d+)", out)[1]))
-    return found
-
-
-def nothing_grows(appliance, seconds):
-    """Memory, descriptors and threads over a run that tracks and renders."""
-    samples = []
-    end = time.monotonic() + seconds
-    time.sleep(5)  # until all that is allocated once is allocated
-    first = appliance.status()
-    while time.monotonic() < end:
-        samples.append(measure(appliance))
-        time.sleep(max(1, seconds / 60))
-    last = appliance.status()
-    shown = last[0]["Frames"] - first[0]["Frames"]
-    expect(shown > 10, f"only {shown} frames came")
-    third = max(1, len(samples) // 3)
-    said = []
-    for unit in UNITS:
-        memory = [sample[unit][0] for sample in samples]
-        growth = sorted(memory[-third:])[third // 2] - sorted(memory[:third])[third // 2]
-        expect(growth <= GROWTH_MAX_KIB, f"{unit}: {growth} KiB more: {memory}")
-        for i, what in ((1, "descriptors"), (2, "threads")):
-            counts = [sample[unit][i] for sample in samples]
-            expect(max(counts[-third:]) <= max(counts[:third]), f"{unit}: {what}: {counts}")
-        said.append(f"{unit} {memory[-1] // 1024} MiB ({growth:+d} KiB), {samples[-1][unit][1]} "
-                    f"descriptors, {samples[-1][unit][2]} threads")
-    return f"{seconds:.0f} s, {shown} frames: " + "; ".join(said)
-
-
-def comes_back_after_a_reset(appliance, boot_s):
-    """The power goes while a scene is being made; the box comes up and shows it."""
-    before = appliance.status()[1]
-    appliance.run("diorama ctl reconstruct; diorama ctl --timeout 5 wait State=reconstruct")
-    appliance.machine.reset()
-    appliance.machine.wait_boot(boot_s)
-    if appliance.slow:
-        appliance.set_watchdogs(patient=True)
-    appliance.wait_for("State=view", 120)
-    view = appliance.status()[1]
-    expect(view["Views"] == before["Views"] and view["Calibrated"],
-           f"{view['Views']} views of {before['Views']}, calibrated: {view['Calibrated']}")
-    return f"{view['Views']} views and their scene"
 
 
 LEFT = ("/usr/libexec/diorama /usr/bin/diorama /usr/share/diorama /etc/diorama "
