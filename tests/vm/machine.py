@@ -195,13 +195,6 @@ class Machine:
     def screenshot(self, path):
         self.monitor.say("screendump", filename=str(path), format="png")
 
-    def has_ended(self, timeout):
-        try:
-            self.process.wait(timeout)
-            return True
-        except subprocess.TimeoutExpired:
-            return False
-
     def stop(self):
         if self.process and self.process.poll() is None:
             os.killpg(self.process.pid, signal.SIGKILL)
