@@ -22,10 +22,10 @@ struct dvsm_half_weights {
 	const float *q_norm;          /* [D/h]   */
 	const float *k_norm;          /* [D/h]   */
 	float score_bound; /* none of attention's scores is larger, in powers of 2; 0: not known */
-	struct dvsm_matrix out;       /* [D][D]  */
-	const float *mlp_norm;        /* [D]     LN before the MLP */
-	struct dvsm_matrix up;        /* [M][D]  */
-	struct dvsm_matrix down;      /* [D][M]  */
+	struct dvsm_matrix out;  /* [D][D]  */
+	const float *mlp_norm;   /* [D]     LN before the MLP */
+	struct dvsm_matrix up;   /* [M][D]  */
+	struct dvsm_matrix down; /* [D][M]  */
 };
 
 struct dvsm_block_weights {

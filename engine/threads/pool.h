@@ -5,8 +5,8 @@
  * it wrote in one it finds in its cache in the next; when that is done it claims what others have
  * left, so a thread that the system took off its core delays only the task in its hands. Which
  * thread runs a task must not change the task's result. A thread polls until a job is done
- * and for some ten microseconds more, then it sleeps. A pool as large as the machine has each of its own threads on a
- * processor of its own.
+ * and for some ten microseconds more, then it sleeps. A pool as large as the machine has each of
+ * its own threads on a processor of its own.
  */
 #ifndef DVSM_THREADS_POOL_H
 #define DVSM_THREADS_POOL_H

@@ -519,7 +519,8 @@ EXACT(range, 200)
 EXACT(pack, 200)
 EXACT(attention, 300)
 
-/* From the top down beyond where scores leave 16 bits; a unit of a score is 2^-11 powers at most. */
+/* From the top down beyond where scores leave 16 bits; a unit of a score is 2^-11 powers at most.
+ */
 static void weights_follow_powers_of_two_however_far_a_score_is(void **state)
 {
 	(void)state;
