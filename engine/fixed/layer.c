@@ -80,6 +80,7 @@ void dvsm_fixed_layer_scale(const struct dvsm_fixed_half *half, size_t dim,
 			    struct dvsm_fixed_channel *channels)
 {
 	const int64_t tokens = (int64_t)layer->tokens;
+
 	for (size_t d = 0; d < dim; d++) {
 		int down = half->value_fraction[d] - half->mixed_fraction;
 		struct dvsm_fixed_scale scale;
@@ -94,8 +95,8 @@ void dvsm_fixed_layer_scale(const struct dvsm_fixed_half *half, size_t dim,
 }
 
 /* Gains of one head: qk_weight times k_scale, brought to the largest one's exponent. */
-static int fill_head(const struct dvsm_fixed_scale *weight, const struct dvsm_fixed_scale *k_scale,
-		     size_t width, int16_t *numbers)
+static int fill_gains(const struct dvsm_fixed_scale *weight, const struct dvsm_fixed_scale *k_scale,
+		      size_t width, int16_t *numbers)
 {
 	int top = INT16_MIN;
 
@@ -117,20 +118,16 @@ static int fill_head(const struct dvsm_fixed_scale *weight, const struct dvsm_fi
 	return top == INT16_MIN ? 0 : top;
 }
 
-void dvsm_fixed_slots_fill(const struct dvsm_fixed_model *model, const struct dvsm_fixed_half *half,
-			   size_t dim, size_t heads, const struct dvsm_fixed_scale *k_scale,
-			   struct dvsm_fixed_slots *slots)
+struct dvsm_fixed_gain dvsm_fixed_query_gain(const struct dvsm_fixed_model *model,
+					     const struct dvsm_fixed_half *half, size_t head,
+					     size_t dim, const struct dvsm_fixed_scale *k_scale,
+					     int16_t *numbers)
 {
-	const size_t width = dim / heads;
+	int exponent = fill_gains(half->qk_weight, k_scale, dim, numbers);
 
-	for (size_t h = 0; h < heads; h++) {
-		int16_t *numbers = slots->numbers + h * width;
-		int exponent = fill_head(half->qk_weight, k_scale + h * width, width, numbers);
-
-		slots->gains[h] = (struct dvsm_fixed_gain){
-			.gain = numbers,
-			.scale = dvsm_fixed_shift(LOG2_E, exponent - model->key_fraction),
-			.epsilon = half->query_epsilon[h],
-		};
-	}
+	return (struct dvsm_fixed_gain){
+		.gain = numbers,
+		.scale = dvsm_fixed_shift(LOG2_E, exponent - model->key_fraction),
+		.epsilon = half->query_epsilon[head],
+	};
 }

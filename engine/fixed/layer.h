@@ -21,12 +21,6 @@ struct dvsm_fixed_layer {
 	int16_t *v_mean;                  /* [D] in units of attention's output */
 };
 
-/** The queries' side of a layer, which follows from its k_scale and the model. */
-struct dvsm_fixed_slots {
-	struct dvsm_fixed_gain *gains; /* [h] */
-	int16_t *numbers;              /* [D] behind them */
-};
-
 /** Bytes of one head's packed keys, or values. */
 static inline size_t dvsm_fixed_head_bytes(size_t padded, size_t dim, size_t heads)
 {
@@ -48,9 +42,16 @@ void dvsm_fixed_layer_scale(const struct dvsm_fixed_half *half, size_t dim,
 			    const struct dvsm_fixed_range *ranges, struct dvsm_fixed_layer *layer,
 			    struct dvsm_fixed_channel *channels);
 
-/** The gains that queries of `half` need for keys of k_scale. */
-void dvsm_fixed_slots_fill(const struct dvsm_fixed_model *model, const struct dvsm_fixed_half *half,
-			   size_t dim, size_t heads, const struct dvsm_fixed_scale *k_scale,
-			   struct dvsm_fixed_slots *slots);
+/**
+ * The gain that one head's queries need for its keys.
+ *
+ * dim      of a head
+ * k_scale  [dim] of the head's keys
+ * numbers  receives [dim], which the gain borrows
+ */
+struct dvsm_fixed_gain dvsm_fixed_query_gain(const struct dvsm_fixed_model *model,
+					     const struct dvsm_fixed_half *half, size_t head,
+					     size_t dim, const struct dvsm_fixed_scale *k_scale,
+					     int16_t *numbers);
 
 #endif

@@ -357,9 +357,8 @@ static void normalise_queries(const struct attention_job *job, size_t head, size
 {
 	const struct dvsm_fixed_run *run = job->run;
 	const size_t dim = attention->dim;
-	struct dvsm_fixed_half half = *job->half;
-	struct dvsm_fixed_gain gain;
-	struct dvsm_fixed_slots slots = {.gains = &gain, .numbers = scratch->gains};
+	const struct dvsm_fixed_gain gain = dvsm_fixed_query_gain(
+		run->model, job->half, head, dim, job->layer->k_scale + head * dim, scratch->gains);
 	struct dvsm_fixed_queries queries = {
 		.u = job->u + row * run->config->dim + head * dim,
 		.u_stride = run->config->dim,
@@ -372,8 +371,6 @@ static void normalise_queries(const struct attention_job *job, size_t head, size
 		.q_scale = scratch->q_scale,
 	};
 
-	half.query_epsilon += head;
-	dvsm_fixed_slots_fill(run->model, &half, dim, 1, job->layer->k_scale + head * dim, &slots);
 	run->kernels->queries(&queries);
 	attention->q = scratch->q;
 	attention->q_stride = attention->head_width;
