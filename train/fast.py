@@ -1,5 +1,6 @@
-"""The network's blocks in C (train/blocks), for processors with AMX: one autograd function over all
-of them. What the C code cannot do - other devices, other head sizes - stays with PyTorch."""
+"""The network's blocks in C (train/blocks), for processors with AMX or AVX512-BF16: one autograd
+function over all of them. What the C code cannot do - other devices, other head sizes - stays with
+PyTorch."""
 import ctypes
 import os
 
@@ -7,7 +8,8 @@ import torch
 
 import source
 
-LIBRARY = os.path.join(source.LIBRARIES, "libdio_blocks.so")
+# In the order of preference.
+BUILDS = [os.path.join(source.LIBRARIES, f"libdio_blocks_{name}.so") for name in ("amx", "avx512")]
 
 
 class MuonWeight(ctypes.Structure):
@@ -96,12 +98,13 @@ class Function(torch.autograd.Function):
 
 
 def open_library(path=None):
-    """The library, or None where it is not built or the processor lacks AMX."""
-    path = path or LIBRARY
-    if not os.path.exists(path):
-        return None
-    library = Library(path)
-    return library if library.supported() else None
+    """The library, or None where none is built that this processor runs."""
+    for build in [path] if path else BUILDS:
+        if os.path.exists(build):
+            library = Library(build)
+            if library.supported():
+                return library
+    return None
 
 
 def make_blocks(net):

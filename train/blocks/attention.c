@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "amx.h"
+#include "tiles.h"
 #include "vector.h"
 
 static int round_up32(int n)

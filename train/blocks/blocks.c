@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "amx.h"
+#include "tiles.h"
 #include "memory.h"
 #include "network.h"
 #include "vector.h"

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#include "amx.h"
+#include "tiles.h"
 #include "product.h"
 #include "rows.h"
 #include "vector.h"

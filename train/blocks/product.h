@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 
-#include "amx.h"
+#include "tiles.h"
 #include "vector.h"
 
 static inline void to_bf16_block(const float *tile, uint16_t *out, int ldo)

@@ -1,4 +1,4 @@
-/* AMX tiles: a 32 x 32 block of a product in four accumulators, and who may use them. */
+/* A 32 x 32 block of a product in four AMX accumulators, and who may use them (tiles.h). */
 #pragma once
 
 #include <cpuid.h>
