@@ -24,7 +24,8 @@ __attribute__((target("amx-tile"))) static void begin(const uint8_t factors[ROWS
 		config.row_bytes[i] = ROW_BYTES;
 		config.rows[i] = ROWS;
 	}
-	_tile_loadconfig(&config);
+	/* gcc 12 does not know that _tile_loadconfig() reads memory. */
+	__asm__ volatile("ldtilecfg %0" ::"m"(config) : "memory");
 	_tile_zero(0);
 	_tile_zero(1);
 	_tile_zero(2);

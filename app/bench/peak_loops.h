@@ -34,6 +34,13 @@ struct dio_peak_loop {
 /** Accumulators that hide the latency of a multiply-add on every core known to us. */
 #define DIO_PEAK_CHAINS 12
 
+/* The compiler knows nothing of a chain's start: chains that it finds equal it would run as one. */
+#if defined(__aarch64__)
+#define DIO_PEAK_HIDE(chain) __asm__("" : "+w"(chain))
+#else
+#define DIO_PEAK_HIDE(chain) __asm__("" : "+x"(chain))
+#endif
+
 /* Ends with an entry without `run`; those of other architectures are empty. */
 extern const struct dio_peak_loop dio_peak_loops_x86[];
 extern const struct dio_peak_loop dio_peak_loops_amx[];

@@ -11,8 +11,10 @@ static void run_f32(uint64_t turns, float *sink)
 	const float32x4_t a = vdupq_n_f32(0.999f), b = vdupq_n_f32(0.001f);
 	float32x4_t c[DIO_PEAK_CHAINS];
 
-	for (int k = 0; k < DIO_PEAK_CHAINS; k++)
+	for (int k = 0; k < DIO_PEAK_CHAINS; k++) {
 		c[k] = vdupq_n_f32(*sink);
+		DIO_PEAK_HIDE(c[k]);
+	}
 	for (uint64_t i = 0; i < turns; i++)
 		for (int k = 0; k < DIO_PEAK_CHAINS; k++)
 			c[k] = vfmaq_f32(b, c[k], a);

@@ -13,8 +13,10 @@
 		const int8x16_t a = vdupq_n_s8((int8_t)*sink), b = vdupq_n_s8(3);                  \
 		type c[DIO_PEAK_CHAINS];                                                           \
                                                                                                    \
-		for (int k = 0; k < DIO_PEAK_CHAINS; k++)                                          \
+		for (int k = 0; k < DIO_PEAK_CHAINS; k++) {                                        \
 			c[k] = (type){0};                                                          \
+			DIO_PEAK_HIDE(c[k]);                                                       \
+		}                                                                                  \
 		for (uint64_t i = 0; i < turns; i++)                                               \
 			for (int k = 0; k < DIO_PEAK_CHAINS; k++)                                  \
 				c[k] = step;                                                       \

@@ -17,6 +17,17 @@
 	type c0 = (start), c1 = c0, c2 = c0, c3 = c0, c4 = c0, c5 = c0;                            \
 	type c6 = c0, c7 = c0, c8 = c0, c9 = c0, c10 = c0, c11 = c0;                               \
                                                                                                    \
+	DIO_PEAK_HIDE(c1);                                                                         \
+	DIO_PEAK_HIDE(c2);                                                                         \
+	DIO_PEAK_HIDE(c3);                                                                         \
+	DIO_PEAK_HIDE(c4);                                                                         \
+	DIO_PEAK_HIDE(c5);                                                                         \
+	DIO_PEAK_HIDE(c6);                                                                         \
+	DIO_PEAK_HIDE(c7);                                                                         \
+	DIO_PEAK_HIDE(c8);                                                                         \
+	DIO_PEAK_HIDE(c9);                                                                         \
+	DIO_PEAK_HIDE(c10);                                                                        \
+	DIO_PEAK_HIDE(c11);                                                                        \
 	for (uint64_t i = 0; i < turns; i++) {                                                     \
 		c0 = step(c0), c1 = step(c1), c2 = step(c2), c3 = step(c3);                        \
 		c4 = step(c4), c5 = step(c5), c6 = step(c6), c7 = step(c7);                        \
