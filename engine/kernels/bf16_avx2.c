@@ -3,7 +3,7 @@
 #include "kernels/vec_avx2.h"
 
 /* 16 registers: 12 sums, 2 loaded, 1 broadcast. */
-#define GEMM_ROWS         6
+#define GEMM_ROWS         4
 #define GEMM_PANELS       1
 #define ATTENTION_VECTORS 2
 #define ATTENTION_ROWS    6

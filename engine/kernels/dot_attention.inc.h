@@ -13,9 +13,12 @@ static void prepare(const struct attention_state *state, size_t head_dim)
 	zip_queries(state, head_dim, head_dim);
 }
 
-/* sums[i] += pair x(i) of each row times the lanes' pairs at b. */
-DVSM_INLINE void attention_step(const int rows, const vp x[ATTENTION_ROWS], const number *lanes,
-				vf sums[ATTENTION_ROWS][ATTENTION_VECTORS])
+/*
+ * sums[i] += the pair at x of each row, or its first number alone, times the lanes' pairs at b.
+ * Each is broadcast as it is needed, for want of registers.
+ */
+DVSM_INLINE void attention_step(const int rows, const bool half, const number *x, size_t x_stride,
+				const number *lanes, vf sums[ATTENTION_ROWS][ATTENTION_VECTORS])
 {
 	vp b[ATTENTION_VECTORS];
 
@@ -24,9 +27,12 @@ DVSM_INLINE void attention_step(const int rows, const vp x[ATTENTION_ROWS], cons
 		b[j] = vp_load(lanes + 2 * j * VF_LANES);
 	DVSM_UNROLL
 	for (int i = 0; i < rows; i++) {
+		const number *at = x + (size_t)i * x_stride;
+		vp pair = half ? vp_set_half(at) : vp_set(at);
+
 		DVSM_UNROLL
 		for (int j = 0; j < ATTENTION_VECTORS; j++)
-			sums[i][j] = vp_dot(sums[i][j], x[i], b[j]);
+			sums[i][j] = vp_dot(sums[i][j], pair, b[j]);
 	}
 }
 
@@ -35,22 +41,13 @@ DVSM_INLINE void score_rows(const int rows, const number *k, size_t head_dim, co
 			    float *scores)
 {
 	vf sums[ATTENTION_ROWS][ATTENTION_VECTORS];
-	vp x[ATTENTION_ROWS];
 	size_t d = 0;
 
 	clear_rows(rows, sums);
-	for (; d + 2 <= head_dim; d += 2) {
-		DVSM_UNROLL
-		for (int i = 0; i < rows; i++)
-			x[i] = vp_set(k + (size_t)i * head_dim + d);
-		attention_step(rows, x, q + d * QUERY_LANES, sums);
-	}
-	if (d < head_dim) {
-		DVSM_UNROLL
-		for (int i = 0; i < rows; i++)
-			x[i] = vp_set_half(k + (size_t)i * head_dim + d);
-		attention_step(rows, x, q + d * QUERY_LANES, sums);
-	}
+	for (; d + 2 <= head_dim; d += 2)
+		attention_step(rows, false, k + d, head_dim, q + d * QUERY_LANES, sums);
+	if (d < head_dim)
+		attention_step(rows, true, k + d, head_dim, q + d * QUERY_LANES, sums);
 	store_scores(rows, sums, scores);
 }
 
@@ -64,15 +61,11 @@ DVSM_INLINE void value_rows(const int rows, const number *v, size_t head_dim, si
 {
 	const number *weights = (const number *)state->scores;
 	vf sums[ATTENTION_ROWS][ATTENTION_VECTORS];
-	vp x[ATTENTION_ROWS];
 
 	clear_rows(rows, sums);
-	for (size_t key = 0; key < keys; key += 2) {
-		DVSM_UNROLL
-		for (int i = 0; i < rows; i++)
-			x[i] = vp_set(v + key * head_dim + 2 * (size_t)i);
-		attention_step(rows, x, weights + key * QUERY_LANES, sums);
-	}
+	for (size_t key = 0; key < keys; key += 2)
+		attention_step(rows, false, v + key * head_dim, 2, weights + key * QUERY_LANES,
+			       sums);
 	add_values(rows, sums, state, out);
 }
 

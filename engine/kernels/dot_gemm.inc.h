@@ -6,9 +6,14 @@
 
 #include "kernels/gemm_finish.inc.h"
 
-/* The sums of one step: pair x(i) of each row against the panels' pairs at `depth_at`. */
-DVSM_INLINE void gemm_step(const int rows, const int panels, const vp x[GEMM_ROWS], const number *w,
-			   size_t panel_numbers, vf sums[GEMM_ROWS][TILE_VECTORS])
+/*
+ * The sums of one step: the pair at a of each row, or its first number alone, against the panels'
+ * pairs at w. Each row's pair is broadcast as it is needed: all at once they would push sums out of
+ * their registers.
+ */
+DVSM_INLINE void gemm_step(const int rows, const int panels, const bool half, const number *a,
+			   size_t a_stride, const number *w, size_t panel_numbers,
+			   vf sums[GEMM_ROWS][TILE_VECTORS])
 {
 	vp b[TILE_VECTORS];
 
@@ -20,9 +25,12 @@ DVSM_INLINE void gemm_step(const int rows, const int panels, const vp x[GEMM_ROW
 	}
 	DVSM_UNROLL
 	for (int i = 0; i < rows; i++) {
+		const number *at = a + (size_t)i * a_stride;
+		vp x = half ? vp_set_half(at) : vp_set(at);
+
 		DVSM_UNROLL
 		for (int j = 0; j < panels * PANEL_VECTORS; j++)
-			sums[i][j] = vp_dot(sums[i][j], x[i], b[j]);
+			sums[i][j] = vp_dot(sums[i][j], x, b[j]);
 	}
 }
 
@@ -33,22 +41,15 @@ DVSM_INLINE void gemm_tile(const int rows, const int panels, const number *a, si
 {
 	const size_t panel_numbers = DVSM_PANEL * PANEL_DEPTH(depth);
 	vf sums[GEMM_ROWS][TILE_VECTORS];
-	vp x[GEMM_ROWS];
 	size_t d = 0;
 
 	clear_tile(rows, panels * PANEL_VECTORS, sums);
-	for (; d + 2 <= depth; d += 2) {
-		DVSM_UNROLL
-		for (int i = 0; i < rows; i++)
-			x[i] = vp_set(a + (size_t)i * a_stride + d);
-		gemm_step(rows, panels, x, w + d * DVSM_PANEL, panel_numbers, sums);
-	}
-	if (d < depth) {
-		DVSM_UNROLL
-		for (int i = 0; i < rows; i++)
-			x[i] = vp_set_half(a + (size_t)i * a_stride + d);
-		gemm_step(rows, panels, x, w + d * DVSM_PANEL, panel_numbers, sums);
-	}
+	for (; d + 2 <= depth; d += 2)
+		gemm_step(rows, panels, false, a + d, a_stride, w + d * DVSM_PANEL, panel_numbers,
+			  sums);
+	if (d < depth)
+		gemm_step(rows, panels, true, a + d, a_stride, w + d * DVSM_PANEL, panel_numbers,
+			  sums);
 	finish_tile(rows, panels * PANEL_VECTORS, sums, cols, c, at, c_stride, epilogue);
 }
 
