@@ -2,7 +2,8 @@
 #include "kernels/tier.h"
 #include "kernels/vec_avx2.h"
 
-/* 16 registers: 12 sums, 2 loaded, 1 broadcast. */
+/* 16 registers: of products 8 sums, 4 of weights, 2 of rows; of attention 12 sums, 2 loaded, 1
+ * broadcast. */
 #define GEMM_ROWS         4
 #define GEMM_PANELS       1
 #define ATTENTION_VECTORS 2

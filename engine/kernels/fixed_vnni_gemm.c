@@ -13,6 +13,9 @@
 #define ROWS   8
 #define PANELS 3
 
+/* Rows whose offsets are taken at once, for all columns. */
+#define STRIP 64u
+
 /* 128 times the sum of each row, negative. */
 static void offsets(const struct dvsm_fixed_gemm *job, size_t row, size_t rows, int32_t *offset)
 {
@@ -118,9 +121,10 @@ DVSM_INLINE void tile(const int rows, const int panels, const struct dvsm_fixed_
 	}
 }
 
-/* All rows of `panels` panels. */
+/* The rows of a strip, of `panels` panels. */
 DVSM_INLINE void walk_rows(const int panels, const struct dvsm_fixed_gemm *job,
-			   const struct requantise *how, size_t col, const struct gelu *gelu)
+			   const struct requantise *how, size_t first, size_t rows, size_t col,
+			   const int32_t *offset, const struct gelu *gelu)
 {
 	struct columns columns[PANELS];
 	size_t left = job->cols - col, full = (size_t)panels * DVSM_FIXED_PANEL;
@@ -128,20 +132,37 @@ DVSM_INLINE void walk_rows(const int panels, const struct dvsm_fixed_gemm *job,
 
 	for (int j = 0; j < panels; j++)
 		columns[j] = load_columns(job, col + (size_t)j * DVSM_FIXED_PANEL);
-	for (size_t row = 0, step; row < job->rows; row += step) {
-		int32_t offset[ROWS];
+	for (size_t i = 0, step; i < rows; i += step) {
+		const size_t row = first + i;
 
-		left = job->rows - row;
+		left = rows - i;
 		step = left >= ROWS ? ROWS : left >= 4 ? 4 : 1;
-		offsets(job, row, step, offset);
 		if (step == ROWS)
-			tile(ROWS, panels, job, how, row, col, offset, columns);
+			tile(ROWS, panels, job, how, row, col, offset + i, columns);
 		else if (step == 4)
-			tile(4, panels, job, how, row, col, offset, columns);
+			tile(4, panels, job, how, row, col, offset + i, columns);
 		else
-			tile(1, panels, job, how, row, col, offset, columns);
-		for (size_t i = row; gelu && i < row + step; i++)
-			gelu_row(gelu, (int16_t *)job->c + i * job->c_stride + col, width);
+			tile(1, panels, job, how, row, col, offset + i, columns);
+		for (size_t k = row; gelu && k < row + step; k++)
+			gelu_row(gelu, (int16_t *)job->c + k * job->c_stride + col, width);
+	}
+}
+
+static void walk_strip(const struct dvsm_fixed_gemm *job, const struct requantise *how,
+		       size_t first, size_t rows, const struct gelu *gelu)
+{
+	int32_t offset[STRIP];
+	size_t col = 0;
+
+	offsets(job, first, rows, offset);
+	while (col < job->cols) {
+		if (job->cols - col > (PANELS - 1) * DVSM_FIXED_PANEL) {
+			walk_rows(PANELS, job, how, first, rows, col, offset, gelu);
+			col += PANELS * DVSM_FIXED_PANEL;
+		} else {
+			walk_rows(1, job, how, first, rows, col, offset, gelu);
+			col += DVSM_FIXED_PANEL;
+		}
 	}
 }
 
@@ -150,15 +171,10 @@ void dvsm_fixed_gemm_vnni(const struct dvsm_fixed_gemm *job)
 	const bool with_gelu = job->epilogue == DVSM_FIXED_GELU;
 	const struct gelu gelu = gelu_prepare(with_gelu ? job->fraction : 0);
 	const struct requantise how = requantise_prepare(job);
-	size_t col = 0;
 
-	while (col < job->cols) {
-		if (job->cols - col > (PANELS - 1) * DVSM_FIXED_PANEL) {
-			walk_rows(PANELS, job, &how, col, with_gelu ? &gelu : NULL);
-			col += PANELS * DVSM_FIXED_PANEL;
-		} else {
-			walk_rows(1, job, &how, col, with_gelu ? &gelu : NULL);
-			col += DVSM_FIXED_PANEL;
-		}
+	for (size_t row = 0; row < job->rows; row += STRIP) {
+		size_t left = job->rows - row;
+
+		walk_strip(job, &how, row, left < STRIP ? left : STRIP, with_gelu ? &gelu : NULL);
 	}
 }
