@@ -5,8 +5,7 @@
  * Everything is exact: two sets of functions given the same input write the same bits. The scalar
  * set (fixed_ref.c) is the specification; tests/kernels/test_fixed.c holds the others to it. All
  * functions are reentrant and touch nothing beyond the ranges stated. How a caller cuts rows,
- * columns or queries into calls changes no bit; the one cut that does, DVSM_FIXED_KEYS, is made
- * inside attention.
+ * columns or queries into calls changes no bit, nor does the order of keys.
  *
  * Rounding, wherever bits are dropped: R(a, s) = floor(a / 2^s + 1/2), and R(a, 0) = a. In 16-bit
  * lanes R(a b, 15) is pmulhrsw and sqrdmulh, R(a, s) of 64 bits is srshl.
@@ -29,8 +28,14 @@
 /** Heads of int8 queries, keys and values are filled up with zeros to a multiple of this. */
 #define DVSM_FIXED_HEAD 16u
 
-/** Keys between two looks at the running maximum of attention: part of the specification. */
+/** Keys that attention takes in at a time. */
 #define DVSM_FIXED_KEYS 128u
+
+/**
+ * Scores that attention keeps between its two passes, of 64 queries with 1024 keys, or of 8 with
+ * 8192; where there are more it makes them twice.
+ */
+#define DVSM_FIXED_SCORES 66560u
 
 /** Packed keys and values of a layer are filled up with zeros to a multiple of this. */
 #define DVSM_FIXED_KEY_PAD 64u
@@ -223,20 +228,15 @@ struct dvsm_fixed_pack {
 typedef void dvsm_fixed_pack_fn(const struct dvsm_fixed_pack *job);
 
 /**
- * One head's attention for up to DVSM_FIXED_QUERIES queries, in one pass over tiles of
- * DVSM_FIXED_KEYS keys (the last may be shorter). Per query, s[key] = sum over d of q k:
+ * One head's attention for up to DVSM_FIXED_QUERIES queries. Per query, with s[key] = sum over d of
+ * q k and top = max s over all keys:
  *
  *   exponent of q_scale gives down = max(0, -exponent - 26) and up = max(0, exponent + 26), both at
  *   most 31 and 15; factor = 2 mantissa
- *   first tile:  top = max s;  O = 0, sum = 0
- *   later:       if max s > top, dvsm_fixed_raise() gives J and the new top;
- *                O = R(O, J), sum = R(sum, J)
- *   p = dvsm_fixed_exp2(min(max(top - s, 0) >> down, 65535) factor >> 16, up), 0..23150
- *   O[d] += sum of (p >> 8) v + R(sum of (p & 255) v, 8), sums over the keys of the tile
- *   sum  += sum of p
- *
- * out[d] = mean[d] + R(O[d] inverse v_m[d], shift) saturated, where inverse and the shift are those
- * of dvsm_fixed_divide(). O fits 32 bits up to 131,072 keys and must be exact beyond.
+ *   p[key] = dvsm_fixed_exp2(min((top - s) >> down, 65535) factor >> 16, up), 0..23150
+ *   O[d]   = sum of p v, sum = sum of p: exact, whatever the order
+ *   out[d] = mean[d] + R(O'[d] inverse v_m[d], shift) saturated, where O', which has 24 bits below
+ *   the sum's highest, inverse and shift are those of dvsm_fixed_divide()
  *
  * With 0 keys the output is the mean.
  */
@@ -258,10 +258,26 @@ struct dvsm_fixed_attention {
 };
 typedef void dvsm_fixed_attention_fn(const struct dvsm_fixed_attention *job);
 
-/** Scores and both planes of p for a tile, accumulators of two widths, a few numbers a query. */
+/**
+ * Numbers between the scores of one query and of the next: a vector more than there are, as rows a
+ * power of two apart share few lines of a cache.
+ */
+static inline size_t dvsm_fixed_scores_stride(size_t keys)
+{
+	return dvsm_fixed_pad(keys, DVSM_FIXED_KEYS) + DVSM_FIXED_PANEL;
+}
+
+/** Whether the scores of `queries` for all keys fit the scratch. */
+static inline bool dvsm_fixed_scores_fit(size_t queries, size_t keys)
+{
+	return dvsm_fixed_scores_stride(keys) <= DVSM_FIXED_SCORES / queries;
+}
+
+/** Scores, both planes of p for a tile, accumulators of two widths, a few numbers a query. */
 static inline size_t dvsm_fixed_attention_scratch(size_t head_width)
 {
-	return DVSM_FIXED_QUERIES * (DVSM_FIXED_KEYS * 6 + head_width * 16 + 64);
+	return DVSM_FIXED_SCORES * sizeof(int32_t) +
+	       DVSM_FIXED_QUERIES * (DVSM_FIXED_KEYS * 2 + head_width * 16 + 64);
 }
 
 /** One set of kernels. A tier leaves NULL what the tiers below it do as well. */

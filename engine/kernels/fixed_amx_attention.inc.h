@@ -1,9 +1,11 @@
 /*
  * Template: fixed-point attention of AMX, included by fixed_amx.c.
  *
- * Sixteen queries are the rows of a tile, a tile of keys for them an item. Its scores, weights and
- * values together fit the first-level cache. While the softmax of one item is computed, the tiles
- * multiply the values of the one before; while these are added up, the scores of the next.
+ * Sixteen queries are the rows of a tile, a tile of keys for them an item. All items are passed
+ * twice: for the largest scores, then for the sums. While the softmax of one item is computed, the
+ * tiles multiply the values of the one before. Scores are kept between the passes where they fit
+ * the scratch; else, while the values of one item are added up, the tiles make the scores of the
+ * next.
  */
 #define GROUPS (DVSM_FIXED_KEYS / TILE)  /* of keys, an item */
 #define BLOCKS (DVSM_FIXED_KEYS / DEPTH) /* of weights, an item */
@@ -13,13 +15,16 @@
 
 #include "kernels/fixed_avx512_softmax.inc.h"
 
-/* Up to here the sums of weighted values fit 32 bits, and the sum of weights needs no shift. */
+/* Up to here the sums of weighted values fit 32 bits. */
 #define MOST_KEYS 65536u
+
+/* Numbers of an item's scores, and items whose scores the scratch holds. */
+#define ITEM_SCORES (GROUPS * SCORE_STEP)
+#define ITEMS_KEPT  (DVSM_FIXED_SCORES / ITEM_SCORES)
 
 /* What the softmax of an item leaves to its values; two items take turns. */
 struct weights {
 	uint8_t *high, *low; /* [BLOCKS][TILE queries][DEPTH keys], planes of the weights */
-	int steps[TILE];     /* by which each query's o shrinks before the values are added */
 };
 
 /* A call: its queries, and what lies between the stages of an item. */
@@ -28,15 +33,17 @@ struct state {
 	struct query queries[DVSM_FIXED_QUERIES];
 	size_t groups;   /* of queries, sixteen each */
 	size_t slices;   /* of the head, DEPTH each */
+	size_t items;    /* tiles of keys for each group */
 	int8_t *q;       /* [groups][slices][TILE][DEPTH], 0 beyond the head */
-	int32_t *scores; /* [GROUPS][TILE queries][TILE keys] */
+	int32_t *scores; /* [ITEMS_KEPT][GROUPS][TILE queries][TILE keys] */
 	struct weights weights[2];
 	int32_t *sums; /* [channels / TILE][2 planes][TILE queries][TILE channels] */
 };
 
-/* One item: the queries of a group, `count` keys from `key` on. */
+/* One item: the queries of a group, `count` keys from `key` on, and where their scores go. */
 struct item {
 	size_t group, key, count;
+	int32_t *scores;
 };
 
 /* Groups of queries pass by before the next keys come. */
@@ -49,6 +56,7 @@ static inline struct item item_at(const struct state *state, size_t index)
 		.group = index % state->groups,
 		.key = key,
 		.count = left < DVSM_FIXED_KEYS ? left : DVSM_FIXED_KEYS,
+		.scores = state->scores + index % ITEMS_KEPT * ITEM_SCORES,
 	};
 }
 
@@ -107,7 +115,7 @@ static void score(const struct state *state, const struct item *item)
 	const size_t width = state->job->head_width, group_bytes = TILE * width;
 	const int8_t *q = state->q + item->group * state->slices * TILE * DEPTH;
 	const int8_t *k = state->job->k + item->key * width;
-	int32_t *scores = state->scores;
+	int32_t *scores = item->scores;
 
 	for (size_t key = 0; key < padded_count(item); key += 4 * TILE) {
 		AMX_ZERO(0);
@@ -183,27 +191,22 @@ static inline void mix_next(const struct state *state, const struct item *item,
 	at->channel += 2 * TILE;
 }
 
-/* o = R(o, steps) + high + R(low, 8) */
-static void add_values(const struct state *state, const struct item *item,
-		       const struct weights *weights)
+/* Both planes to the sums over all keys. */
+static void add_values(const struct state *state, const struct item *item)
 {
-	const size_t width = state->job->head_width;
 	const struct query *queries = state->queries + item->group * TILE;
-	const __m512i half = _mm512_set1_epi32(128);
 	const int32_t *sums = state->sums;
 
-	for (size_t i = 0; i < TILE; i++)
-		shrink_row(queries[i].o, width, weights->steps[i]);
-	for (size_t channel = 0; channel < width; channel += TILE, sums += 2 * TILE * TILE) {
-		for (size_t i = 0; i < TILE; i++) {
-			int32_t *o = queries[i].o + channel;
-			__m512i high = _mm512_load_si512(sums + i * TILE);
-			__m512i low = _mm512_load_si512(sums + TILE * TILE + i * TILE);
+	for (size_t channel = 0; channel < state->job->head_width; channel += TILE) {
+		for (size_t i = 0; i < TILE; i++, sums += TILE) {
+			int32_t *o = queries[i].o + channel, *o_low = queries[i].o_low + channel;
+			__m512i high = _mm512_load_si512(sums);
+			__m512i low = _mm512_load_si512(sums + TILE * TILE);
 
-			low = _mm512_srai_epi32(_mm512_add_epi32(low, half), 8);
-			high = _mm512_add_epi32(high, _mm512_load_si512(o));
-			_mm512_store_si512(o, _mm512_add_epi32(high, low));
+			_mm512_store_si512(o, _mm512_add_epi32(_mm512_load_si512(o), high));
+			_mm512_store_si512(o_low, _mm512_add_epi32(_mm512_load_si512(o_low), low));
 		}
+		sums += TILE * TILE;
 	}
 }
 
@@ -234,27 +237,34 @@ static void add_values(const struct state *state, const struct item *item,
 REDUCE_ROWS(largest_in_rows, _mm512_max_epi32)
 REDUCE_ROWS(sum_of_rows, _mm512_add_epi32)
 
-/* The running maximum: where it rises, what was summed shrinks. */
-static void raise_tops(struct state *state, const struct item *item, struct weights *weights)
+/* The largest scores of an item among those of its queries. */
+static void raise_tops(struct state *state, const struct item *item)
 {
 	struct query *queries = state->queries + item->group * TILE;
 	int32_t largest[TILE];
 	__m512i rows[TILE];
 
 	for (size_t i = 0; i < TILE; i++)
-		rows[i] = largest_lanes(state->scores + i * TILE, item->count);
+		rows[i] = largest_lanes(item->scores + i * TILE, item->count);
 	_mm512_storeu_si512(largest, largest_in_rows(rows));
-	for (size_t i = 0; i < TILE; i++) {
-		struct query *query = &queries[i];
-		int steps = 0;
+	for (size_t i = 0; i < TILE; i++)
+		if (item->key == 0 || largest[i] > queries[i].top)
+			queries[i].top = largest[i];
+}
 
-		if (item->key == 0) {
-			query->top = largest[i];
-		} else if (largest[i] > query->top) {
-			steps = dvsm_fixed_raise(query->scale, largest[i], &query->top);
-			query->sum = dvsm_fixed_round(query->sum, steps);
+/* The first pass; an item's scores are made while those of the one before are looked through. */
+static void find_tops(struct state *state)
+{
+	struct item item = item_at(state, 0), next = item;
+
+	score(state, &item);
+	for (size_t index = 0; index < state->items; index++) {
+		if (index + 1 < state->items) {
+			next = item_at(state, index + 1);
+			score(state, &next);
 		}
-		weights->steps[i] = steps;
+		raise_tops(state, &item);
+		item = next;
 	}
 }
 
@@ -272,13 +282,12 @@ static void softmax(struct state *state, const struct item *item, struct weights
 	int32_t sums[TILE];
 	__m512i rows[TILE];
 
-	raise_tops(state, item, own);
 	for (size_t i = 0; i < TILE; i++) {
 		if (i % MIX_ROWS == 0 && mixing.channel >= channels)
 			AMX_KEEP_AWAKE(0, 4, 5);
 		for (size_t n = 0; i % MIX_ROWS == 0 && n < share && mixing.channel < channels; n++)
 			mix_next(state, before, other, &mixing);
-		rows[i] = weigh_scores(&queries[i], state->scores + i * TILE, own->high + i * DEPTH,
+		rows[i] = weigh_scores(&queries[i], item->scores + i * TILE, own->high + i * DEPTH,
 				       own->low + i * DEPTH, item->count);
 	}
 	while (mixing.channel < channels)
@@ -308,50 +317,55 @@ static void place(struct state *state)
 		state->weights[i].high = take(&at, (size_t)BLOCKS * WEIGHT_STEP);
 		state->weights[i].low = take(&at, (size_t)BLOCKS * WEIGHT_STEP);
 	}
-	state->scores = take(&at, GROUPS * SCORE_STEP * sizeof(int32_t));
+	state->scores = take(&at, DVSM_FIXED_SCORES * sizeof(int32_t));
 	state->slices = dvsm_fixed_pad(width, DEPTH) / DEPTH;
 	state->q = take(&at, DVSM_FIXED_QUERIES * state->slices * DEPTH);
 	state->sums = take(&at, 2 * TILE * width * sizeof(int32_t));
-	for (size_t i = 0; i < DVSM_FIXED_QUERIES; i++)
+	for (size_t i = 0; i < DVSM_FIXED_QUERIES; i++) {
 		state->queries[i].o = take(&at, width * sizeof(int32_t));
+		state->queries[i].o_low = take(&at, width * sizeof(int32_t));
+	}
 }
 
 static void attend(struct state *state)
 {
 	const struct amx_config config = attention_tiles(state->job->head_width);
-	const size_t tiles = (state->job->keys + DVSM_FIXED_KEYS - 1) / DVSM_FIXED_KEYS;
-	const size_t items = tiles * state->groups;
+	const bool kept = state->items <= ITEMS_KEPT;
 	struct item item = item_at(state, 0), before = item, next = item;
 	struct mixing mixing = {0};
 
 	amx_publish();
 	amx_open(&config);
-	score(state, &item);
-	for (size_t index = 0; index < items; index++) {
+	find_tops(state);
+	if (!kept)
+		score(state, &item);
+	for (size_t index = 0; index < state->items; index++) {
 		struct weights *own = &state->weights[index % 2];
 		const struct weights *other = &state->weights[(index + 1) % 2];
 
 		amx_publish();
 		softmax(state, &item, own, index > 0 ? &before : NULL, other);
-		if (index + 1 < items) {
+		if (index + 1 < state->items) {
 			next = item_at(state, index + 1);
-			score(state, &next);
+			if (!kept)
+				score(state, &next);
 		}
 		if (index > 0)
-			add_values(state, &before, other);
+			add_values(state, &before);
 		before = item;
 		item = next;
 	}
 	amx_publish();
 	while (mixing.channel < state->job->head_width)
-		mix_next(state, &before, &state->weights[(items - 1) % 2], &mixing);
-	add_values(state, &before, &state->weights[(items - 1) % 2]);
+		mix_next(state, &before, &state->weights[(state->items - 1) % 2], &mixing);
+	add_values(state, &before);
 	amx_close();
 }
 
 static void attention(const struct dvsm_fixed_attention *job)
 {
 	struct state state = {.job = job, .groups = (job->queries + TILE - 1) / TILE};
+	const size_t tiles = (job->keys + DVSM_FIXED_KEYS - 1) / DVSM_FIXED_KEYS;
 
 	if (job->keys > MOST_KEYS) {
 		dvsm_fixed_kernels_scalar.attention(job);
@@ -359,6 +373,7 @@ static void attention(const struct dvsm_fixed_attention *job)
 	}
 	if (job->queries == 0)
 		return;
+	state.items = tiles * state.groups;
 	place(&state);
 	for (size_t i = 0; i < state.groups * TILE; i++)
 		start(job, i < job->queries ? i : job->queries - 1, &state.queries[i]);

@@ -1,8 +1,8 @@
 /*
  * Fixed-point attention for AVX2: four queries pass over the keys together.
  *
- * H + R(L, 8) of the two planes is R(256 H + L, 8), and 256 H + L, the sum of p v over a tile of
- * keys, fits 32 bits. So the weights need no planes.
+ * The sum of p v over a tile of keys fits 32 bits, so the weights need no planes. Over all keys it
+ * does not: its upper bits and its last 8 are summed up apart.
  */
 #include "kernels/fixed_avx2.h"
 #include "kernels/fixed_tiers.h"
@@ -11,18 +11,19 @@
 
 /* A query on its way; the arrays lie in the scratch. */
 struct query {
-	struct dvsm_fixed_scale scale;
 	struct dvsm_fixed_slope slope;
 	int32_t top;
 	int64_t sum;
 	const int8_t *q;  /* [head_width] */
 	uint8_t *sizes;   /* [head_width] of q */
-	int32_t *scores;  /* [DVSM_FIXED_KEYS] */
+	int32_t *scores;  /* as many as are kept */
 	int16_t *weights; /* [DVSM_FIXED_KEYS] ordered words */
-	int32_t *o;       /* [head_width] */
+	int32_t *o;       /* [head_width] sums above their last 8 bits */
+	int32_t *o_low;   /* [head_width] those bits */
 };
 
-static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count)
+static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count,
+		  size_t first)
 {
 	struct rows rows;
 
@@ -39,27 +40,28 @@ static void score(const struct query *queries, const int8_t *k, size_t head_widt
 		dot_bytes(QUERIES, &rows, k + at * head_width, head_width / 4, sums);
 		DVSM_UNROLL
 		for (int i = 0; i < QUERIES; i++) {
-			_mm256_store_si256((__m256i *)(queries[i].scores + at), sums[i][0]);
-			_mm256_store_si256((__m256i *)(queries[i].scores + at + 8), sums[i][1]);
+			_mm256_store_si256((__m256i *)(queries[i].scores + first + at), sums[i][0]);
+			_mm256_store_si256((__m256i *)(queries[i].scores + first + at + 8),
+					   sums[i][1]);
 		}
 	}
 }
 
-static int32_t largest_score(const struct query *query, size_t count)
+static int32_t largest_score(const struct query *query, size_t count, size_t first)
 {
+	const int32_t *scores = query->scores + first;
 	__m256i most = _mm256_set1_epi32(INT32_MIN);
 	int32_t parts[8], largest;
 	size_t key = 0;
 
 	for (; key + 8 <= count; key += 8)
-		most = _mm256_max_epi32(most,
-					_mm256_load_si256((const __m256i *)(query->scores + key)));
+		most = _mm256_max_epi32(most, _mm256_load_si256((const __m256i *)(scores + key)));
 	_mm256_storeu_si256((__m256i *)parts, most);
 	largest = parts[0];
 	for (int i = 1; i < 8; i++)
 		largest = parts[i] > largest ? parts[i] : largest;
 	for (; key < count; key++)
-		largest = query->scores[key] > largest ? query->scores[key] : largest;
+		largest = scores[key] > largest ? scores[key] : largest;
 	return largest;
 }
 
@@ -91,7 +93,7 @@ static inline __m256i exp2_lanes(__m256i x, int up)
 }
 
 /* Scores to weights, 16 keys at a time, 0 behind the last up to whole vectors. */
-static void weigh(struct query *query, size_t count)
+static void weigh(struct query *query, size_t count, size_t first)
 {
 	const __m256i top = _mm256_set1_epi32(query->top);
 	const __m256i factor = _mm256_set1_epi16((int16_t)query->slope.factor);
@@ -100,7 +102,7 @@ static void weigh(struct query *query, size_t count)
 	__m256i sums = _mm256_setzero_si256();
 
 	for (size_t key = 0; key < count; key += 16) {
-		const __m256i *scores = (const __m256i *)(query->scores + key);
+		const __m256i *scores = (const __m256i *)(query->scores + first + key);
 		__m256i a = _mm256_sub_epi32(top, _mm256_load_si256(scores));
 		__m256i b = _mm256_sub_epi32(top, _mm256_load_si256(scores + 1));
 		__m256i p =
@@ -127,19 +129,12 @@ static void weigh(struct query *query, size_t count)
 		query->sum += parts[i];
 }
 
-static void shrink(struct query *query, size_t head_width, int steps)
-{
-	query->sum = dvsm_fixed_round(query->sum, steps);
-	for (size_t d = 0; d < head_width; d++)
-		query->o[d] = (int32_t)dvsm_fixed_round(query->o[d], steps);
-}
-
-/* o += R(weights times values, 8) */
+/* 256 o + o_low += weights times values */
 static void mix(const struct query *queries, const int8_t *v, size_t head_width, size_t count)
 {
 	const int16_t *const words[QUERIES] = {queries[0].weights, queries[1].weights,
 					       queries[2].weights, queries[3].weights};
-	const __m256i half = _mm256_set1_epi32(128);
+	const __m256i last = _mm256_set1_epi32(255);
 
 	for (size_t d = 0; d < head_width; d += 16) {
 		__m256i sums[QUERIES][2];
@@ -152,11 +147,16 @@ static void mix(const struct query *queries, const int8_t *v, size_t head_width,
 		for (int i = 0; i < QUERIES; i++) {
 			DVSM_UNROLL
 			for (int j = 0; j < 2; j++) {
-				__m256i *o = (__m256i *)(queries[i].o + d + 8 * (size_t)j);
-				__m256i r =
-					_mm256_srai_epi32(_mm256_add_epi32(half, sums[i][j]), 8);
+				const size_t at = d + 8 * (size_t)j;
+				__m256i *o = (__m256i *)(queries[i].o + at);
+				__m256i *o_low = (__m256i *)(queries[i].o_low + at);
+				__m256i upper = _mm256_srai_epi32(sums[i][j], 8);
+				__m256i lower = _mm256_and_si256(sums[i][j], last);
 
-				_mm256_store_si256(o, _mm256_add_epi32(_mm256_load_si256(o), r));
+				_mm256_store_si256(o,
+						   _mm256_add_epi32(_mm256_load_si256(o), upper));
+				_mm256_store_si256(
+					o_low, _mm256_add_epi32(_mm256_load_si256(o_low), lower));
 			}
 		}
 	}
@@ -168,6 +168,9 @@ static void write_out(const struct dvsm_fixed_attention *job, const struct query
 {
 	const struct dvsm_fixed_quotient quotient = dvsm_fixed_divide((uint64_t)query->sum);
 
+	for (size_t d = 0; d < job->dim; d++)
+		query->o[d] =
+			dvsm_fixed_lift(256 * (int64_t)query->o[d] + query->o_low[d], quotient);
 	for (size_t d = 0; d < job->dim; d += 8) {
 		const size_t count = job->dim - d < 8 ? job->dim - d : 8;
 		struct dvsm_fixed_scale scales[8] = {{0}};
@@ -175,7 +178,7 @@ static void write_out(const struct dvsm_fixed_attention *job, const struct query
 
 		memcpy(scales, job->v_scale + d, count * sizeof(scales[0]));
 		scale = _mm256_loadu_si256((const __m256i *)scales);
-		shift = _mm256_sub_epi32(_mm256_set1_epi32(quotient.behind),
+		shift = _mm256_sub_epi32(_mm256_set1_epi32(DVSM_FIXED_QUOTIENT_BITS),
 					 _mm256_srai_epi32(scale, 16));
 		r = round_products(
 			_mm256_load_si256((const __m256i *)(query->o + d)),
@@ -188,16 +191,19 @@ static void write_out(const struct dvsm_fixed_attention *job, const struct query
 }
 
 /* Places for the queries of a group in the caller's scratch. */
-static void place(const struct dvsm_fixed_attention *job, struct query queries[QUERIES])
+static void place(const struct dvsm_fixed_attention *job, size_t scores_stride,
+		  struct query queries[QUERIES])
 {
-	unsigned char *at = job->scratch;
+	int32_t *scores = job->scratch;
+	unsigned char *at = (unsigned char *)(scores + DVSM_FIXED_SCORES);
 
 	for (int i = 0; i < QUERIES; i++) {
-		queries[i].scores = (int32_t *)at;
-		at += DVSM_FIXED_KEYS * sizeof(int32_t);
-		queries[i].weights = (int16_t *)at;
+		queries[i].scores = scores + (size_t)i * scores_stride;
+		queries[i].weights = (int16_t *)(void *)at;
 		at += DVSM_FIXED_KEYS * sizeof(int16_t);
-		queries[i].o = (int32_t *)at;
+		queries[i].o = (int32_t *)(void *)at;
+		at += job->head_width * sizeof(int32_t);
+		queries[i].o_low = (int32_t *)(void *)at;
 		at += job->head_width * sizeof(int32_t);
 		queries[i].sizes = at;
 		at += dvsm_fixed_pad(job->head_width, 32);
@@ -206,13 +212,13 @@ static void place(const struct dvsm_fixed_attention *job, struct query queries[Q
 
 static void start(const struct dvsm_fixed_attention *job, size_t index, struct query *query)
 {
-	query->scale = job->q_scale[index * job->scale_stride];
-	query->slope = dvsm_fixed_slope_make(query->scale);
+	query->slope = dvsm_fixed_slope_make(job->q_scale[index * job->scale_stride]);
 	query->top = 0;
 	query->sum = 0;
 	query->q = job->q + index * job->q_stride;
 	size_bytes(query->q, job->head_width, query->sizes);
 	memset(query->o, 0, job->head_width * sizeof(*query->o));
+	memset(query->o_low, 0, job->head_width * sizeof(*query->o_low));
 }
 
 #include "kernels/fixed_group.inc.h"

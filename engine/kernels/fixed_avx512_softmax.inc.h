@@ -10,16 +10,16 @@
 /* A query on its way; the arrays lie in the scratch. */
 struct query {
 	const int8_t *q;
-	struct dvsm_fixed_scale scale;
 	struct dvsm_fixed_slope slope;
 	int32_t factor; /* the slope's, twice */
 	int32_t offset; /* -128 times the sum of q */
 	int32_t top;
 	int64_t sum;
-	int32_t *scores; /* [DVSM_FIXED_KEYS] */
+	int32_t *scores; /* as many as are kept */
 	uint8_t *high;   /* [DVSM_FIXED_KEYS] planes of the weights */
 	uint8_t *low;
-	int32_t *o; /* [head_width] */
+	int32_t *o;     /* [head_width] sums with the high plane */
+	int32_t *o_low; /* [head_width] sums with the low one */
 };
 
 static inline __m512i largest_lanes(const int32_t *scores, size_t count)
@@ -148,22 +148,28 @@ static inline __m512i weigh_scores(const struct query *query, const int32_t *sco
 	return weigh_keys(false, false, query, scores, high, low, count);
 }
 
-/* R(o, steps) in place; a shift of 32 and more leaves nothing of 32 bits. */
-static void shrink_row(int32_t *row, size_t head_width, int steps)
+/* O' of eight channels: 256 high + low in 64-bit lanes, brought to 24 bits below the sum's. */
+static inline __m512i lift(__m256i high, __m256i low, int up)
 {
-	const __m128i before = _mm_cvtsi32_si128(steps - 1);
-	const __m512i one = _mm512_set1_epi32(1);
+	__m512i o = _mm512_add_epi64(_mm512_slli_epi64(_mm512_cvtepi32_epi64(high), 8),
+				     _mm512_cvtepi32_epi64(low));
 
-	if (steps == 0)
-		return;
-	for (size_t d = 0; d < head_width; d += 16) {
-		__m512i o = _mm512_load_si512(row + d);
+	if (up >= 0)
+		return _mm512_sll_epi64(o, _mm_cvtsi32_si128(up));
+	o = _mm512_sra_epi64(o, _mm_cvtsi32_si128(-up - 1));
+	return _mm512_srai_epi64(_mm512_add_epi64(o, _mm512_set1_epi64(1)), 1);
+}
 
-		/* An arithmetic shift by 32 or more fills with the sign: -1, and R gives 0. */
-		o = _mm512_sra_epi32(o, before);
-		o = _mm512_srai_epi32(_mm512_add_epi32(o, one), 1);
-		_mm512_store_si512(row + d, o);
-	}
+/* Likewise of sixteen, in 32. */
+static inline __m512i lift_row(const struct query *query, size_t d, int up)
+{
+	__m512i high = _mm512_load_si512(query->o + d), low = _mm512_load_si512(query->o_low + d);
+	__m512i first = lift(_mm512_castsi512_si256(high), _mm512_castsi512_si256(low), up);
+	__m512i second =
+		lift(_mm512_extracti64x4_epi64(high, 1), _mm512_extracti64x4_epi64(low, 1), up);
+
+	return _mm512_inserti64x4(_mm512_castsi256_si512(_mm512_cvtepi64_epi32(first)),
+				  _mm512_cvtepi64_epi32(second), 1);
 }
 
 /* o / sum, in the output's units. */
@@ -173,6 +179,7 @@ static void write_out(const struct dvsm_fixed_attention *job, const struct query
 	const struct dvsm_fixed_quotient quotient = dvsm_fixed_divide((uint64_t)query->sum);
 	const __m512i inverse = _mm512_set1_epi32(quotient.inverse);
 	const __m512i most = _mm512_set1_epi32(INT16_MAX), least = _mm512_set1_epi32(INT16_MIN);
+	const __m512i bits = _mm512_set1_epi32(DVSM_FIXED_QUOTIENT_BITS);
 
 	for (size_t d = 0; d < job->dim; d += 16) {
 		__mmask16 lanes = first_lanes(job->dim - d);
@@ -181,9 +188,8 @@ static void write_out(const struct dvsm_fixed_attention *job, const struct query
 			_mm512_cvtepi16_epi32(_mm256_maskz_loadu_epi16(lanes, job->v_mean + d));
 		__m512i factor = _mm512_mullo_epi32(
 			inverse, _mm512_and_si512(scale, _mm512_set1_epi32(0x7fff)));
-		__m512i shift = clamp_shift(_mm512_sub_epi32(_mm512_set1_epi32(quotient.behind),
-							     _mm512_srai_epi32(scale, 16)));
-		struct wide r = round_products(_mm512_load_si512(query->o + d), factor, shift);
+		__m512i shift = clamp_shift(_mm512_sub_epi32(bits, _mm512_srai_epi32(scale, 16)));
+		struct wide r = round_products(lift_row(query, d, quotient.up), factor, shift);
 		__m512i sum = _mm512_add_epi32(mean, wide_saturate(r, 1 << 30));
 
 		sum = _mm512_max_epi32(_mm512_min_epi32(sum, most), least);
@@ -197,8 +203,7 @@ static void start(const struct dvsm_fixed_attention *job, size_t index, struct q
 	__m512i sum = _mm512_setzero_si512();
 
 	query->q = job->q + index * job->q_stride;
-	query->scale = job->q_scale[index * job->scale_stride];
-	query->slope = dvsm_fixed_slope_make(query->scale);
+	query->slope = dvsm_fixed_slope_make(job->q_scale[index * job->scale_stride]);
 	query->factor = (int32_t)(query->slope.factor * 0x10001u);
 	query->top = 0;
 	query->sum = 0;
@@ -206,4 +211,5 @@ static void start(const struct dvsm_fixed_attention *job, size_t index, struct q
 		sum = _mm512_dpbusd_epi32(sum, ones, _mm512_maskz_loadu_epi32(0xf, query->q + d));
 	query->offset = -128 * _mm512_reduce_add_epi32(sum);
 	memset(query->o, 0, job->head_width * sizeof(*query->o));
+	memset(query->o_low, 0, job->head_width * sizeof(*query->o_low));
 }

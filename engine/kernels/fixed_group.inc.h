@@ -1,26 +1,49 @@
 /*
- * Template: fixed-point attention of QUERIES queries that pass over the keys together. Included by
- * a tier behind
+ * Template: fixed-point attention of QUERIES queries that pass over the keys together, twice: for
+ * the largest score, then for the sums. Included by a tier behind
  *
- *   struct query         a query on its way: scale, top and what the tier's steps need
+ *   struct query         a query on its way: top and what the tier's steps need
  *   place(), start()     its places in the caller's scratch; its state before the first key
- *   score(), mix()       scores of a tile of keys; o += weights times values
- *   largest_score(), shrink(), weigh(), write_out()
+ *   score()              scores of a tile of keys, `at` behind where the query's begin
+ *   largest_score()      of a tile's
+ *   weigh(), mix()       a tile's weights, and their sum; sums of weights times values
+ *   write_out()          what comes of them
  */
 
-/* Up to here the sums of weighted values fit 32 bits, and the sum of weights needs no shift. */
+/* Up to here the sums of weighted values fit 32 bits. */
 #define MOST_KEYS 65536u
 
-/* The running maximum, then the weights of a tile. */
-static void softmax(struct query *query, size_t head_width, bool first, size_t count)
+/* Whether all scores are kept between the passes, or those of a tile alone. */
+static inline bool scores_kept(const struct dvsm_fixed_attention *job)
 {
-	int32_t largest = largest_score(query, count);
+	return dvsm_fixed_scores_fit(QUERIES, job->keys);
+}
 
-	if (first)
-		query->top = largest;
-	else if (largest > query->top)
-		shrink(query, head_width, dvsm_fixed_raise(query->scale, largest, &query->top));
-	weigh(query, count);
+static inline size_t scores_stride(const struct dvsm_fixed_attention *job)
+{
+	return dvsm_fixed_scores_stride(scores_kept(job) ? job->keys : DVSM_FIXED_KEYS);
+}
+
+static inline size_t tile_keys(const struct dvsm_fixed_attention *job, size_t key)
+{
+	return job->keys - key < DVSM_FIXED_KEYS ? job->keys - key : DVSM_FIXED_KEYS;
+}
+
+static void find_tops(const struct dvsm_fixed_attention *job, struct query queries[QUERIES])
+{
+	const bool kept = scores_kept(job);
+
+	for (size_t key = 0; key < job->keys; key += DVSM_FIXED_KEYS) {
+		const size_t count = tile_keys(job, key), at = kept ? key : 0;
+
+		score(queries, job->k + key * job->head_width, job->head_width, count, at);
+		for (size_t i = 0; i < QUERIES; i++) {
+			int32_t largest = largest_score(&queries[i], count, at);
+
+			if (key == 0 || largest > queries[i].top)
+				queries[i].top = largest;
+		}
+	}
 }
 
 /* Queries `first` and on; a group that is not full repeats the last one. */
@@ -28,16 +51,18 @@ static void attend(const struct dvsm_fixed_attention *job, struct query queries[
 		   size_t first, size_t count)
 {
 	const size_t width = job->head_width;
+	const bool kept = scores_kept(job);
 
 	for (size_t i = 0; i < QUERIES; i++)
 		start(job, first + (i < count ? i : count - 1), &queries[i]);
+	find_tops(job, queries);
 	for (size_t key = 0; key < job->keys; key += DVSM_FIXED_KEYS) {
-		size_t left = job->keys - key;
-		size_t keys = left < DVSM_FIXED_KEYS ? left : DVSM_FIXED_KEYS;
+		const size_t keys = tile_keys(job, key), at = kept ? key : 0;
 
-		score(queries, job->k + key * width, width, keys);
+		if (!kept)
+			score(queries, job->k + key * width, width, keys, at);
 		for (size_t i = 0; i < QUERIES; i++)
-			softmax(&queries[i], width, key == 0, keys);
+			weigh(&queries[i], keys, at);
 		mix(queries, job->v + key * width, width, keys);
 	}
 	for (size_t i = 0; i < count; i++)
@@ -52,7 +77,7 @@ static void attention(const struct dvsm_fixed_attention *job)
 		dvsm_fixed_kernels_scalar.attention(job);
 		return;
 	}
-	place(job, queries);
+	place(job, scores_stride(job), queries);
 	for (size_t first = 0; first < job->queries; first += QUERIES) {
 		size_t left = job->queries - first;
 

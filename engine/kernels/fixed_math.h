@@ -267,52 +267,39 @@ static inline struct dvsm_fixed_slope dvsm_fixed_slope_make(struct dvsm_fixed_sc
 }
 
 /**
- * A new maximum: by how many powers of two (0..62) sums shrink, and the score that the largest p
- * stands for from now on. A whole number of powers, so that shrinking is a shift.
- *
- * top, largest   largest > *top; both below 2^29 in size
- *
- * Where a unit of the score is worth less than 2^-30, scores tell nothing: nothing shrinks.
+ * What turns O = sum of p v into the output. The sum of p has `bits` bits, so |O| is below 2^(bits
+ * + 7): O' = O 2^(24 - bits), rounded where that drops bits, fits 32 and is as exact whatever the
+ * sum is. O / sum = O' inverse 2^-38.
  */
-static inline int dvsm_fixed_raise(struct dvsm_fixed_scale scale, int32_t largest, int32_t *top)
-{
-	int64_t way = ((int64_t)largest - *top) * scale.mantissa, steps;
-	int down = -scale.exponent;
-
-	if (scale.mantissa == 0 || down > 44) {
-		*top = largest;
-		return 0;
-	}
-	steps = down > 0 ? (way + ((int64_t)1 << down) - 1) >> down : 63;
-	if (steps > 62) {
-		*top = largest;
-		return 62;
-	}
-	*top = (int32_t)(*top + (steps << down) / scale.mantissa);
-	return (int)steps;
-}
-
-/** What turns O into the output: 1 / sum, and the shifts before and behind the product. */
 struct dvsm_fixed_quotient {
 	int16_t inverse;
-	int before; /* O' = R(O, before), which fits 32 bits */
-	int behind; /* R(O' inverse v_m, behind - v_exponent clamped to 1..62) */
+	int up; /* 24 - bits */
 };
 
+enum { DVSM_FIXED_QUOTIENT_BITS = 38 };
+
+/** 0 without keys */
 static inline struct dvsm_fixed_quotient dvsm_fixed_divide(uint64_t sum)
 {
 	if (sum == 0)
-		return (struct dvsm_fixed_quotient){0, 0, 1};
+		return (struct dvsm_fixed_quotient){0, 0};
 
-	int bits = dvsm_fixed_bits(sum), before = bits > 32 ? bits - 32 : 0;
+	int bits = dvsm_fixed_bits(sum);
 	uint64_t high = bits > 31 ? sum >> (bits - 31) : sum << (31 - bits);
 	uint64_t inverse = ((uint64_t)1 << 45) / high;
 
 	return (struct dvsm_fixed_quotient){
 		.inverse = (int16_t)(inverse > INT16_MAX ? INT16_MAX : inverse),
-		.before = before,
-		.behind = 6 + bits - before,
+		.up = 24 - bits,
 	};
+}
+
+/** O' of one channel. */
+static inline int32_t dvsm_fixed_lift(int64_t o, struct dvsm_fixed_quotient quotient)
+{
+	if (quotient.up >= 0)
+		return (int32_t)(o * ((int64_t)1 << quotient.up));
+	return (int32_t)dvsm_fixed_round(o, -quotient.up);
 }
 
 #endif

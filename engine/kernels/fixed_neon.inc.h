@@ -170,7 +170,9 @@ static void gemm(const struct dvsm_fixed_gemm *job)
 
 /* The scratch of one call. */
 struct places {
-	int32_t *scores;    /* [queries][DVSM_FIXED_KEYS] */
+	int32_t *scores; /* [queries][scores_stride] of all keys where kept, else of a tile */
+	size_t scores_stride;
+	bool kept;
 	int8_t *high, *low; /* [queries][DVSM_FIXED_KEYS] */
 	int64_t *o;         /* [queries][head_width] */
 	int32_t *sums;      /* [queries][WIDTH] twice */
@@ -184,7 +186,9 @@ static struct places place(const struct dvsm_fixed_attention *job)
 	struct places made;
 
 	made.scores = job->scratch;
-	made.o = (int64_t *)(void *)(made.scores + queries * keys);
+	made.kept = dvsm_fixed_scores_fit(queries, job->keys);
+	made.scores_stride = dvsm_fixed_scores_stride(made.kept ? job->keys : keys);
+	made.o = (int64_t *)(void *)(made.scores + DVSM_FIXED_SCORES);
 	made.total = made.o + queries * job->head_width;
 	made.sums = (int32_t *)(void *)(made.total + queries);
 	/* head_width is at least WIDTH: sums fit what the other accumulators leave. */
@@ -227,7 +231,7 @@ static inline uint16x8_t exp2_of(uint16x8_t x, int up)
 /* How far four scores are from the top, in units of 2^-11 powers of two before `up`. */
 static inline uint16x4_t distance(int32x4_t scores, int32x4_t top, struct dvsm_fixed_slope slope)
 {
-	uint32x4_t way = vreinterpretq_u32_s32(vmaxq_s32(vsubq_s32(top, scores), vdupq_n_s32(0)));
+	uint32x4_t way = vreinterpretq_u32_s32(vsubq_s32(top, scores));
 
 	way = vshlq_u32(way, vdupq_n_s32(-slope.down));
 	return vshrn_n_u32(vmull_n_u16(vqmovn_u32(way), slope.factor), 16);
@@ -255,13 +259,6 @@ static uint32_t weigh(const int32_t *scores, size_t count, size_t padded, int32_
 		vst1_s8(low + key, veor_s8(vreinterpret_s8_u8(vmovn_u16(p)), vdup_n_s8(INT8_MIN)));
 	}
 	return vaddvq_u32(sum);
-}
-
-/* O = R(O, steps). */
-static void shrink(int64_t *o, size_t count, int steps)
-{
-	for (size_t d = 0; d < count; d += 2)
-		vst1q_s64(o + d, vrshlq_s64(vld1q_s64(o + d), vdupq_n_s64(-steps)));
 }
 
 /* Sums of each of 16 channels over the tile's values. */
@@ -298,7 +295,7 @@ static void mix(const struct dvsm_fixed_attention *job, const struct places *at,
 				int32x4_t more = vmlaq_n_s32(vld1q_s32(low + i * WIDTH + j), all,
 							     LOW_OFFSET);
 
-				more = vrsraq_n_s32(vld1q_s32(high + i * WIDTH + j), more, 8);
+				more = vmlaq_n_s32(more, vld1q_s32(high + i * WIDTH + j), 256);
 				vst1q_s64(o + j, vaddw_s32(vld1q_s64(o + j), vget_low_s32(more)));
 				vst1q_s64(o + j + 2, vaddw_high_s32(vld1q_s64(o + j + 2), more));
 			}
@@ -306,29 +303,38 @@ static void mix(const struct dvsm_fixed_attention *job, const struct places *at,
 	}
 }
 
-/* The tile's scores, then its weights; sums so far shrink where a new maximum asks for it. */
+/* Scores of a tile of keys, the first of which is `first`. */
 static void score(const struct dvsm_fixed_attention *job, const struct places *at, size_t first,
-		  size_t count, size_t padded)
+		  size_t padded)
 {
+	int32_t *scores = at->scores + (at->kept ? first : 0);
+
 	for (size_t key = 0; key < padded; key += WIDTH)
 		dot(job->q, job->q_stride, job->queries, job->k + (first + key) * job->head_width,
-		    4 * WIDTH, job->head_width / 4, at->scores + key, DVSM_FIXED_KEYS);
+		    4 * WIDTH, job->head_width / 4, scores + key, at->scores_stride);
+}
+
+static void find_tops(const struct places *at, size_t queries, size_t first, size_t count)
+{
+	for (size_t i = 0; i < queries; i++) {
+		const int32_t *scores = at->scores + i * at->scores_stride;
+		const int32_t largest = largest_of(scores + (at->kept ? first : 0), count);
+
+		if (first == 0 || largest > at->top[i])
+			at->top[i] = largest;
+	}
+}
+
+static void weigh_tile(const struct dvsm_fixed_attention *job, const struct places *at,
+		       size_t first, size_t count, size_t padded)
+{
 	for (size_t i = 0; i < job->queries; i++) {
 		const struct dvsm_fixed_scale scale = job->q_scale[i * job->scale_stride];
-		const int32_t *scores = at->scores + i * DVSM_FIXED_KEYS;
-		const int32_t largest = largest_of(scores, count);
+		const int32_t *scores = at->scores + i * at->scores_stride;
 
-		if (first == 0) {
-			at->top[i] = largest;
-		} else if (largest > at->top[i]) {
-			const int steps = dvsm_fixed_raise(scale, largest, &at->top[i]);
-
-			at->total[i] = dvsm_fixed_round(at->total[i], steps);
-			shrink(at->o + i * job->head_width, job->head_width, steps);
-		}
-		at->total[i] +=
-			weigh(scores, count, padded, at->top[i], dvsm_fixed_slope_make(scale),
-			      at->high + i * DVSM_FIXED_KEYS, at->low + i * DVSM_FIXED_KEYS);
+		at->total[i] += weigh(scores + (at->kept ? first : 0), count, padded, at->top[i],
+				      dvsm_fixed_slope_make(scale), at->high + i * DVSM_FIXED_KEYS,
+				      at->low + i * DVSM_FIXED_KEYS);
 	}
 }
 
@@ -338,12 +344,19 @@ static void finish(const struct dvsm_fixed_attention *job, const int64_t *o, int
 	const struct dvsm_fixed_quotient quotient = dvsm_fixed_divide((uint64_t)total);
 
 	for (size_t d = 0; d < job->dim; d++) {
-		int shift = dvsm_fixed_clamp(quotient.behind - job->v_scale[d].exponent, 1, 62);
-		int64_t product = dvsm_fixed_round(o[d], quotient.before) *
+		int shift = dvsm_fixed_clamp(DVSM_FIXED_QUOTIENT_BITS - job->v_scale[d].exponent, 1,
+					     62);
+		int64_t product = (int64_t)dvsm_fixed_lift(o[d], quotient) *
 				  (quotient.inverse * job->v_scale[d].mantissa);
 
 		out[d] = dvsm_fixed_saturate(job->v_mean[d] + dvsm_fixed_round(product, shift));
 	}
+}
+
+/* Keys of the tile that begins at `first`. */
+static size_t tile_keys(const struct dvsm_fixed_attention *job, size_t first)
+{
+	return job->keys - first < DVSM_FIXED_KEYS ? job->keys - first : DVSM_FIXED_KEYS;
 }
 
 static void attention(const struct dvsm_fixed_attention *job)
@@ -353,11 +366,18 @@ static void attention(const struct dvsm_fixed_attention *job)
 	memset(at.o, 0, job->queries * job->head_width * sizeof(*at.o));
 	memset(at.total, 0, job->queries * sizeof(*at.total));
 	for (size_t first = 0; first < job->keys; first += DVSM_FIXED_KEYS) {
-		const size_t left = job->keys - first;
-		const size_t count = left < DVSM_FIXED_KEYS ? left : DVSM_FIXED_KEYS;
+		const size_t count = tile_keys(job, first);
+
+		score(job, &at, first, dvsm_fixed_pad(count, WIDTH));
+		find_tops(&at, job->queries, first, count);
+	}
+	for (size_t first = 0; first < job->keys; first += DVSM_FIXED_KEYS) {
+		const size_t count = tile_keys(job, first);
 		const size_t padded = dvsm_fixed_pad(count, WIDTH);
 
-		score(job, &at, first, count, padded);
+		if (!at.kept)
+			score(job, &at, first, padded);
+		weigh_tile(job, &at, first, count, padded);
 		mix(job, &at, job->v + first * job->head_width, padded);
 	}
 	for (size_t i = 0; i < job->queries; i++)

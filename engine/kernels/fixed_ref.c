@@ -91,15 +91,12 @@ static int32_t score(const struct dvsm_fixed_attention *job, const int8_t *q, si
 
 static uint16_t weight(struct dvsm_fixed_slope slope, int32_t top, int32_t s)
 {
-	uint32_t way = top > s ? (uint32_t)(top - s) >> slope.down : 0;
+	uint32_t way = (uint32_t)(top - s) >> slope.down;
 
 	return dvsm_fixed_exp2((way < 65535 ? way : 65535) * slope.factor >> 16, slope.up);
 }
 
-/*
- * O += the tile's weighted values; p is [tile], v the tile's values, parts [head_width][4]. With H
- * and L the sums of (p >> 8) v and of (p & 255) v, H + R(L, 8) is R(256 H + L, 8): one sum does.
- */
+/* O += the tile's weighted values; p is [tile], v the tile's values, parts [head_width][4]. */
 static void mix(const int16_t *p, const int8_t *v, size_t count, size_t dim, size_t head_width,
 		int32_t *parts, int64_t *o)
 {
@@ -115,36 +112,40 @@ static void mix(const int16_t *p, const int8_t *v, size_t count, size_t dim, siz
 		}
 	}
 	for (size_t d = 0; d < dim; d++)
-		o[d] += dvsm_fixed_round(
-			parts[4 * d] + parts[4 * d + 1] + parts[4 * d + 2] + parts[4 * d + 3], 8);
+		o[d] += parts[4 * d] + parts[4 * d + 1] + parts[4 * d + 2] + parts[4 * d + 3];
+}
+
+/* Keys of the tile that begins at `first`. */
+static size_t tile_keys(const struct dvsm_fixed_attention *job, size_t first)
+{
+	return job->keys - first < DVSM_FIXED_KEYS ? job->keys - first : DVSM_FIXED_KEYS;
 }
 
 static void attend(const struct dvsm_fixed_attention *job, const int8_t *q,
-		   struct dvsm_fixed_scale scale, int64_t *o, int16_t *out)
+		   struct dvsm_fixed_scale scale, int32_t *scores, int64_t *o, int16_t *out)
 {
+	const bool kept = job->keys <= DVSM_FIXED_SCORES;
 	struct dvsm_fixed_slope slope = dvsm_fixed_slope_make(scale);
-	int32_t scores[DVSM_FIXED_KEYS], top = 0;
-	int16_t p[DVSM_FIXED_KEYS];
 	int32_t *parts = (int32_t *)(void *)(o + job->head_width);
+	int32_t top = INT32_MIN;
+	int16_t p[DVSM_FIXED_KEYS];
 	int64_t sum = 0;
 
+	for (size_t first = 0; first < job->keys; first += DVSM_FIXED_KEYS) {
+		int32_t largest =
+			score(job, q, first, tile_keys(job, first), kept ? scores + first : scores);
+
+		top = largest > top ? largest : top;
+	}
 	memset(o, 0, job->dim * sizeof(*o));
 	for (size_t first = 0; first < job->keys; first += DVSM_FIXED_KEYS) {
-		size_t count =
-			job->keys - first < DVSM_FIXED_KEYS ? job->keys - first : DVSM_FIXED_KEYS;
-		int32_t largest = score(job, q, first, count, scores);
+		const size_t count = tile_keys(job, first);
+		const int32_t *tile = kept ? scores + first : scores;
 
-		if (first == 0) {
-			top = largest;
-		} else if (largest > top) {
-			int steps = dvsm_fixed_raise(scale, largest, &top);
-
-			sum = dvsm_fixed_round(sum, steps);
-			for (size_t d = 0; d < job->dim; d++)
-				o[d] = dvsm_fixed_round(o[d], steps);
-		}
+		if (!kept)
+			score(job, q, first, count, scores);
 		for (size_t key = 0; key < count; key++) {
-			p[key] = (int16_t)weight(slope, top, scores[key]);
+			p[key] = (int16_t)weight(slope, top, tile[key]);
 			sum += p[key];
 		}
 		mix(p, job->v + first * job->head_width, count, job->dim, job->head_width, parts,
@@ -154,8 +155,9 @@ static void attend(const struct dvsm_fixed_attention *job, const int8_t *q,
 	struct dvsm_fixed_quotient quotient = dvsm_fixed_divide((uint64_t)sum);
 
 	for (size_t d = 0; d < job->dim; d++) {
-		int shift = dvsm_fixed_clamp(quotient.behind - job->v_scale[d].exponent, 1, 62);
-		int64_t product = dvsm_fixed_round(o[d], quotient.before) *
+		int shift = dvsm_fixed_clamp(DVSM_FIXED_QUOTIENT_BITS - job->v_scale[d].exponent, 1,
+					     62);
+		int64_t product = (int64_t)dvsm_fixed_lift(o[d], quotient) *
 				  (quotient.inverse * job->v_scale[d].mantissa);
 
 		out[d] = dvsm_fixed_saturate(job->v_mean[d] + dvsm_fixed_round(product, shift));
@@ -164,9 +166,12 @@ static void attend(const struct dvsm_fixed_attention *job, const int8_t *q,
 
 static void attention(const struct dvsm_fixed_attention *job)
 {
+	int32_t *scores = job->scratch;
+	int64_t *o = (int64_t *)(void *)(scores + DVSM_FIXED_SCORES);
+
 	for (size_t i = 0; i < job->queries; i++)
-		attend(job, job->q + i * job->q_stride, job->q_scale[i * job->scale_stride],
-		       job->scratch, job->out + i * job->out_stride);
+		attend(job, job->q + i * job->q_stride, job->q_scale[i * job->scale_stride], scores,
+		       o, job->out + i * job->out_stride);
 }
 
 const struct dvsm_fixed_kernels dvsm_fixed_kernels_scalar = {

@@ -78,15 +78,16 @@ DVSM_INLINE void score_groups(const int groups, const struct query *queries, con
 }
 
 /* All of a tile; the last group may reach into the padding. */
-static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count)
+static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count,
+		  size_t at)
 {
-	size_t at = 0;
+	size_t key = 0;
 
-	for (; at + (SCORE_GROUPS - 1) * DVSM_FIXED_PANEL < count;
-	     at += SCORE_GROUPS * DVSM_FIXED_PANEL)
-		score_groups(SCORE_GROUPS, queries, k + at * head_width, head_width, at);
-	if (at < count)
-		score_groups(1, queries, k + at * head_width, head_width, at);
+	for (; key + (SCORE_GROUPS - 1) * DVSM_FIXED_PANEL < count;
+	     key += SCORE_GROUPS * DVSM_FIXED_PANEL)
+		score_groups(SCORE_GROUPS, queries, k + key * head_width, head_width, at + key);
+	if (key < count)
+		score_groups(1, queries, k + key * head_width, head_width, at + key);
 }
 
 /* ---- values ---- */
@@ -96,13 +97,16 @@ DVSM_INLINE void mix_groups(const int groups, const struct query *queries, const
 			    size_t head_width, size_t count, size_t channel)
 {
 	__m512i high[MIX_QUERIES][MIX_GROUPS], low[MIX_QUERIES][MIX_GROUPS];
-	const __m512i half = _mm512_set1_epi32(128);
 
 	DVSM_UNROLL
 	for (int i = 0; i < MIX_QUERIES; i++) {
 		DVSM_UNROLL
-		for (int j = 0; j < groups; j++)
-			high[i][j] = low[i][j] = _mm512_setzero_si512();
+		for (int j = 0; j < groups; j++) {
+			const size_t at = channel + (size_t)j * 16;
+
+			high[i][j] = _mm512_load_si512(queries[i].o + at);
+			low[i][j] = _mm512_load_si512(queries[i].o_low + at);
+		}
 	}
 	for (size_t key = 0; key < count; key += 4) {
 		const int8_t *from = v + key * head_width + 4 * channel;
@@ -127,11 +131,10 @@ DVSM_INLINE void mix_groups(const int groups, const struct query *queries, const
 	for (int i = 0; i < MIX_QUERIES; i++) {
 		DVSM_UNROLL
 		for (int j = 0; j < groups; j++) {
-			int32_t *o = queries[i].o + channel + (size_t)j * 16;
-			__m512i rest = _mm512_srai_epi32(_mm512_add_epi32(low[i][j], half), 8);
-			__m512i sum = _mm512_add_epi32(high[i][j], rest);
+			const size_t at = channel + (size_t)j * 16;
 
-			_mm512_store_si512(o, _mm512_add_epi32(_mm512_load_si512(o), sum));
+			_mm512_store_si512(queries[i].o + at, high[i][j]);
+			_mm512_store_si512(queries[i].o_low + at, low[i][j]);
 		}
 	}
 }
@@ -150,37 +153,34 @@ static void mix(const struct query *queries, const int8_t *v, size_t head_width,
 
 /* ---- softmax ---- */
 
-static int32_t largest_score(const struct query *query, size_t count)
+static int32_t largest_score(const struct query *query, size_t count, size_t at)
 {
-	return _mm512_reduce_max_epi32(largest_lanes(query->scores, count));
+	return _mm512_reduce_max_epi32(largest_lanes(query->scores + at, count));
 }
 
-static void weigh(struct query *query, size_t count)
+static void weigh(struct query *query, size_t count, size_t at)
 {
-	__m512i sums = weigh_scores(query, query->scores, query->high, query->low, count);
+	__m512i sums = weigh_scores(query, query->scores + at, query->high, query->low, count);
 
 	query->sum += _mm512_reduce_add_epi32(sums);
 }
 
-static void shrink(struct query *query, size_t head_width, int steps)
-{
-	query->sum = dvsm_fixed_round(query->sum, steps);
-	shrink_row(query->o, head_width, steps);
-}
-
 /* Places for the queries of a group in the caller's scratch. */
-static void place(const struct dvsm_fixed_attention *job, struct query queries[QUERIES])
+static void place(const struct dvsm_fixed_attention *job, size_t scores_stride,
+		  struct query queries[QUERIES])
 {
-	unsigned char *at = job->scratch;
+	int32_t *scores = job->scratch;
+	unsigned char *at = (unsigned char *)(scores + DVSM_FIXED_SCORES);
 
 	for (int i = 0; i < QUERIES; i++) {
-		queries[i].scores = (int32_t *)at;
-		at += DVSM_FIXED_KEYS * sizeof(int32_t);
+		queries[i].scores = scores + (size_t)i * scores_stride;
 		queries[i].high = at;
 		at += DVSM_FIXED_KEYS;
 		queries[i].low = at;
 		at += DVSM_FIXED_KEYS;
-		queries[i].o = (int32_t *)at;
+		queries[i].o = (int32_t *)(void *)at;
+		at += job->head_width * sizeof(int32_t);
+		queries[i].o_low = (int32_t *)(void *)at;
 		at += job->head_width * sizeof(int32_t);
 	}
 }

@@ -176,12 +176,12 @@ static void expect_everywhere(const struct dvsm_model_config *config, uint32_t p
 static void the_bits_are_those_written_down(void **state)
 {
 	static const struct hashes even_bits = {
-		"efb71633dbbc30807cbbe0e8dfa9dc134425202ac655d0ce5be5cd64f4884de5",
-		"04860a23a573b7d412c31f15d0303804d417d8676cd76d2ce95040efa1b2a000",
+		"8f7fc564949875bd9e95a666c939ee5ff58492ec2cd00f5496a6207606652ae6",
+		"f5992763cccf8f35817b214763112d712ca46a92da4da45e65a23b290943adfd",
 	};
 	static const struct hashes odd_bits = {
-		"dd4fc6245ebb9b4b44fdaaa50ce5eb9e7ff8d60a20dc26995a7022664dbe7af4",
-		"8319c6a40dcb164f0e07f3778eac8345833a2fd25e171fb38371a5fb91bfc880",
+		"76c7597d8281324bf66f1d5e237e9890eaa6cc0d28188117491d49aae6080a1a",
+		"5e266b62302968983bf21875218c28444479d66d932f3ba287e94c6e2ba71709",
 	};
 
 	(void)state;
@@ -199,6 +199,29 @@ static void the_number_of_threads_changes_no_bit(void **state)
 		assert_string_equal(many.cache, one.cache);
 		assert_string_equal(many.picture, one.picture);
 	}
+}
+
+static void order_and_repetition_of_views_change_no_bit(void **state)
+{
+	static const int orders[][2 * VIEWS] = {{2, 1, 0}, {1, 2, 0}, {0, 1, 2, 2, 0, 1}};
+	static const uint32_t counts[] = {VIEWS, VIEWS, 2 * VIEWS};
+	struct fixture *f = *state;
+	struct hashes want = hash_run(f, 2, 0, 7);
+	struct dvsm_engine *engine = make_engine(f, DVSM_PRECISION_FIXED, 2, 0);
+
+	for (int i = 0; i < 3; i++) {
+		struct dvsm_view views[2 * VIEWS];
+		struct dvsm_scene *scene = NULL;
+
+		for (uint32_t v = 0; v < counts[i]; v++)
+			views[v] = f->views[orders[i][v]];
+		assert_int_equal(dvsm_reconstruct(engine, views, counts[i], 7, NULL, NULL, &scene,
+						  NULL, &f->error),
+				 DVSM_OK);
+		assert_string_equal(hash_scene(f, engine, scene, 7).picture, want.picture);
+		dvsm_scene_destroy(scene);
+	}
+	dvsm_engine_destroy(engine);
 }
 
 static void bytes_are_the_floats_rounded(void **state)
@@ -525,6 +548,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(the_bits_are_those_written_down),
 		TEST(the_number_of_threads_changes_no_bit),
+		TEST(order_and_repetition_of_views_change_no_bit),
 		TEST(bytes_are_the_floats_rounded),
 		TEST(pictures_are_near_float32),
 		TEST(the_cache_takes_a_byte_a_number_and_is_planned),
