@@ -81,6 +81,15 @@ TARGET("avx2") static void run_avx2_int8(uint64_t turns, float *sink)
 #undef STEP
 }
 
+TARGET("avx2,avxvnni") static void run_avxvnni(uint64_t turns, float *sink)
+{
+	const __m256i a = _mm256_set1_epi8((char)*sink), b = _mm256_set1_epi8(3);
+
+#define STEP(c) _mm256_dpbusd_avx_epi32(c, a, b)
+	CHAINS(__m256i, a, STEP, _mm256_add_epi32, STORE_INT8);
+#undef STEP
+}
+
 TARGET("avx512f,avx512bw,avx512vnni") static void run_vnni(uint64_t turns, float *sink)
 {
 	const __m512i a = _mm512_set1_epi8((char)*sink), b = _mm512_set1_epi8(3);
@@ -108,6 +117,7 @@ const struct dio_peak_loop dio_peak_loops_x86[] = {
 	{"vfmadd ymm", DIO_UNIT_F32, DVSM_CPU_AVX2, OPERATIONS(8), run_avx2},
 	{"vfmadd zmm", DIO_UNIT_F32, DVSM_CPU_AVX512, OPERATIONS(16), run_avx512},
 	{"vpmaddubsw + vpmaddwd", DIO_UNIT_INT8, DVSM_CPU_AVX2, OPERATIONS(32), run_avx2_int8},
+	{"vpdpbusd ymm", DIO_UNIT_INT8, DVSM_CPU_AVX_VNNI, OPERATIONS(32), run_avxvnni},
 	{"vpdpbusd zmm", DIO_UNIT_INT8, DVSM_CPU_VNNI, OPERATIONS(64), run_vnni},
 	{"vdpbf16ps zmm", DIO_UNIT_BF16, DVSM_CPU_AVX512_BF16, OPERATIONS(32), run_bf16},
 	{0},

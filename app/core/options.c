@@ -19,6 +19,7 @@
 enum {
 	UP_TO_SSE2 = DVSM_CPU_SCALAR | DVSM_CPU_SSE2,
 	UP_TO_AVX2 = UP_TO_SSE2 | DVSM_CPU_AVX2,
+	UP_TO_AVX_VNNI = UP_TO_AVX2 | DVSM_CPU_AVX_VNNI,
 	UP_TO_AVX512 = UP_TO_AVX2 | DVSM_CPU_AVX512,
 	UP_TO_VNNI = UP_TO_AVX512 | DVSM_CPU_VNNI,
 	UP_TO_AVX512_BF16 = UP_TO_VNNI | DVSM_CPU_AVX512_BF16,
@@ -33,17 +34,10 @@ static const struct {
 	const char *name;
 	uint32_t mask;
 } TIERS[] = {
-	{"auto", DVSM_CPU_ALL},
-	{"scalar", DVSM_CPU_SCALAR},
-	{"sse2", UP_TO_SSE2},
-	{"avx2", UP_TO_AVX2},
-	{"avx512", UP_TO_AVX512},
-	{"vnni", UP_TO_VNNI},
-	{"avx512bf16", UP_TO_AVX512_BF16},
-	{"amx", UP_TO_AMX},
-	{"neon", UP_TO_NEON},
-	{"dotprod", UP_TO_DOTPROD},
-	{"i8mm", UP_TO_I8MM},
+	{"auto", DVSM_CPU_ALL},        {"scalar", DVSM_CPU_SCALAR},       {"sse2", UP_TO_SSE2},
+	{"avx2", UP_TO_AVX2},          {"avxvnni", UP_TO_AVX_VNNI},       {"avx512", UP_TO_AVX512},
+	{"vnni", UP_TO_VNNI},          {"avx512bf16", UP_TO_AVX512_BF16}, {"amx", UP_TO_AMX},
+	{"neon", UP_TO_NEON},          {"dotprod", UP_TO_DOTPROD},        {"i8mm", UP_TO_I8MM},
 	{"neonbf16", UP_TO_NEON_BF16},
 };
 
@@ -147,9 +141,10 @@ static enum dio_options_result set_tier(const struct dio_usage *usage,
 		*(uint32_t *)option->target = TIERS[i].mask;
 		return DIO_OPTIONS_RUN;
 	}
-	return wrong_value(usage, option, text,
-			   "auto, scalar, sse2, avx2, avx512, vnni, avx512bf16, amx, neon, "
-			   "dotprod, i8mm or neonbf16");
+	return wrong_value(
+		usage, option, text,
+		"auto, scalar, sse2, avx2, avxvnni, avx512, vnni, avx512bf16, amx, neon, "
+		"dotprod, i8mm or neonbf16");
 }
 
 static enum dio_options_result set_precision(const struct dio_usage *usage,

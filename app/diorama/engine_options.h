@@ -30,7 +30,7 @@
 #define DIO_OPTION_CPU(s)                                                                          \
 	{                                                                                          \
 		"cpu", DIO_OPTION_TIER, "TIER",                                                    \
-			"highest instruction set: auto, scalar, sse2, avx2, avx512, vnni,\n"       \
+			"highest instruction set: auto, scalar, sse2, avx2, avxvnni, avx512,\n"    \
 			"avx512bf16, amx, neon, dotprod, i8mm, neonbf16 (default: auto)",          \
 			&(s).cpu_mask, 0, 0, false                                                 \
 	}

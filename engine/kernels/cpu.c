@@ -20,6 +20,7 @@
 #define LEAF7_EDX_AMX_BF16      (1u << 22)
 #define LEAF7_EDX_AMX_TILE      (1u << 24)
 #define LEAF7_EDX_AMX_INT8      (1u << 25)
+#define LEAF7_1_EAX_AVX_VNNI    (1u << 4)
 #define LEAF7_1_EAX_AVX512_BF16 (1u << 5)
 
 /* SSE2 is part of the x86-64 base. CPUID tells what more there is; XCR0 tells which registers the
@@ -39,13 +40,13 @@ static bool may_use_tiles(uint32_t xcr0)
 }
 
 /* What builds on AVX-512: each tier only with the one below it. */
-static uint32_t detect_beyond_avx512(uint32_t ecx, uint32_t edx, uint32_t xcr0)
+static uint32_t detect_beyond_avx512(uint32_t ecx, uint32_t edx, uint32_t eax1, uint32_t xcr0)
 {
-	uint32_t mask = 0, eax1 = 0, ebx1, ecx1, edx1;
+	uint32_t mask = 0;
 
 	if (ecx & LEAF7_ECX_VNNI)
 		mask |= DVSM_CPU_VNNI;
-	if (__get_cpuid_count(7, 1, &eax1, &ebx1, &ecx1, &edx1) && (eax1 & LEAF7_1_EAX_AVX512_BF16))
+	if (eax1 & LEAF7_1_EAX_AVX512_BF16)
 		mask |= DVSM_CPU_AVX512_BF16;
 	if (!(edx & LEAF7_EDX_AMX_TILE) || !may_use_tiles(xcr0))
 		return mask;
@@ -60,6 +61,7 @@ uint32_t dvsm_cpu_detect(void)
 {
 	uint32_t mask = DVSM_CPU_SCALAR | DVSM_CPU_SSE2;
 	uint32_t eax, ebx, ecx, edx, xcr0;
+	uint32_t eax1 = 0, ebx1, ecx1, edx1;
 
 	if (!__get_cpuid(1, &eax, &ebx, &ecx, &edx) || !(ecx & bit_OSXSAVE))
 		return mask;
@@ -68,14 +70,16 @@ uint32_t dvsm_cpu_detect(void)
 	if (!__get_cpuid_count(7, 0, &eax, &ebx, &ecx, &edx))
 		return mask;
 	xcr0 = read_xcr0();
-	if (fma && (ebx & bit_AVX2) && (xcr0 & XCR0_AVX) == XCR0_AVX)
-		mask |= DVSM_CPU_AVX2;
+	if (!fma || !(ebx & bit_AVX2) || (xcr0 & XCR0_AVX) != XCR0_AVX)
+		return mask;
+	mask |= DVSM_CPU_AVX2;
+	if (__get_cpuid_count(7, 1, &eax1, &ebx1, &ecx1, &edx1) && (eax1 & LEAF7_1_EAX_AVX_VNNI))
+		mask |= DVSM_CPU_AVX_VNNI;
 
 	const uint32_t avx512 = bit_AVX512F | bit_AVX512BW | bit_AVX512DQ | bit_AVX512VL;
 
-	if ((mask & DVSM_CPU_AVX2) && (ebx & avx512) == avx512 &&
-	    (xcr0 & XCR0_AVX512) == XCR0_AVX512)
-		mask |= DVSM_CPU_AVX512 | detect_beyond_avx512(ecx, edx, xcr0);
+	if ((ebx & avx512) == avx512 && (xcr0 & XCR0_AVX512) == XCR0_AVX512)
+		mask |= DVSM_CPU_AVX512 | detect_beyond_avx512(ecx, edx, eax1, xcr0);
 	return mask;
 }
 
@@ -188,6 +192,7 @@ const char *dvsm_cpu_name(uint32_t mask)
 		{DVSM_CPU_AVX512_BF16, "avx512bf16"},
 		{DVSM_CPU_VNNI, "vnni"},
 		{DVSM_CPU_AVX512, "avx512"},
+		{DVSM_CPU_AVX_VNNI, "avxvnni"},
 		{DVSM_CPU_AVX2, "avx2"},
 		{DVSM_CPU_SSE2, "sse2"},
 		{DVSM_CPU_NEON_BF16, "neonbf16"},

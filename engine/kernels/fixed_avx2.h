@@ -1,12 +1,10 @@
 /*
- * What the fixed-point kernels of AVX2 share. Private.
- *
- * vpmaddubsw multiplies unsigned by signed bytes: the sizes of A by the columns, which take A's
- * signs over. Two products fit its 16 bits, for a column has no -128.
+ * What the fixed-point kernels of AVX2 share, and those of AVX-VNNI, which are the same with its
+ * products. Private.
  *
  * Weights of 15 bits are multiplied as words. Four packed bytes of a column are two words of even
  * and two of odd place; weights come as words in the order 0 2 1 3, so that each of the two
- * vpmaddwd meets its two in one broadcast of 32 bits.
+ * products of words meets its two in one broadcast of 32 bits.
  */
 #ifndef DVSM_KERNELS_FIXED_AVX2_H
 #define DVSM_KERNELS_FIXED_AVX2_H
@@ -16,8 +14,8 @@
 #include "kernels/fixed_math.h"
 #include "kernels/tier.h"
 
-/** Rows that meet sixteen columns at a time: 8 sums, 4 words of columns, 2 broadcasts. */
-#define DVSM_AVX2_ROWS 4
+/** Rows of words that meet sixteen columns at a time: 8 sums, 4 words of columns, 2 broadcasts. */
+#define WORD_ROWS 4
 
 /** 0 1 2 3 to 0 2 1 3, in every four words. */
 static inline __m256i order_words(__m256i words)
@@ -28,16 +26,6 @@ static inline __m256i order_words(__m256i words)
 	return _mm256_shuffle_epi8(words, order);
 }
 
-/** Sizes of `count` bytes, a multiple of 16. */
-static inline void size_bytes(const int8_t *bytes, size_t count, uint8_t *sizes)
-{
-	for (size_t i = 0; i < count; i += 16) {
-		__m128i a = _mm_loadu_si128((const __m128i *)(bytes + i));
-
-		_mm_storeu_si128((__m128i *)(sizes + i), _mm_abs_epi8(a));
-	}
-}
-
 static inline __m256i broadcast_bytes(const void *four)
 {
 	int bits;
@@ -46,15 +34,116 @@ static inline __m256i broadcast_bytes(const void *four)
 	return _mm256_set1_epi32(bits);
 }
 
-/** Bytes of the rows that meet sixteen columns, and their sizes. */
-struct rows {
-	const int8_t *bytes[DVSM_AVX2_ROWS];
-	const uint8_t *sizes[DVSM_AVX2_ROWS];
+#if defined(__AVXVNNI__)
+
+/*
+ * vpdpbusd multiplies unsigned by signed bytes: the columns are the unsigned ones, 128 too large,
+ * and 128 times the sum of the row's bytes is taken off where a sum begins.
+ */
+struct row_bytes {
+	const int8_t *bytes;
+	int32_t begin;
 };
 
+/** Rows of bytes that meet sixteen columns at a time: 12 sums, 2 columns, 1 broadcast. */
+#define BYTE_ROWS 6
+
+/** sums += fours of unsigned times signed bytes. gcc 12 moves and spills sums of the intrinsics. */
+static inline __m256i add_bytes(__m256i sums, __m256i unsigned_bytes, __m256i signed_bytes)
+{
+	__asm__("%{vex%} vpdpbusd %2, %1, %0"
+		: "+x"(sums)
+		: "x"(unsigned_bytes), "x"(signed_bytes));
+	return sums;
+}
+
+/** sums += pairs of words */
+static inline __m256i add_words(__m256i sums, __m256i a, __m256i b)
+{
+	__asm__("%{vex%} vpdpwssd %2, %1, %0" : "+x"(sums) : "x"(a), "x"(b));
+	return sums;
+}
+
+/** Room that a row of `count` bytes needs beside them. */
+#define ROW_ROOM(count) 1
+
+/** `count`, a multiple of 16, bytes of a row, as dot_bytes() takes them. */
+static inline struct row_bytes row_prepare(const int8_t *bytes, size_t count, uint8_t *room)
+{
+	const __m128i ones = _mm_set1_epi8(1);
+	__m128i sum = _mm_setzero_si128();
+
+	(void)room;
+	for (size_t i = 0; i < count; i += 16)
+		sum = _mm_dpbusd_avx_epi32(sum, ones,
+					   _mm_loadu_si128((const __m128i *)(bytes + i)));
+	sum = _mm_add_epi32(sum, _mm_shuffle_epi32(sum, 0x4e));
+	sum = _mm_add_epi32(sum, _mm_shuffle_epi32(sum, 0xb1));
+	return (struct row_bytes){bytes, -128 * _mm_cvtsi128_si32(sum)};
+}
+
+/** What a sum over the row's bytes begins with. */
+static inline __m256i row_begin(const struct row_bytes *row)
+{
+	return _mm256_set1_epi32(row->begin);
+}
+
 /** sums += `steps` times four numbers of each row with sixteen packed columns, 64 bytes a step. */
-DVSM_INLINE void dot_bytes(const int rows, const struct rows *a, const int8_t *columns,
-			   size_t steps, __m256i sums[DVSM_AVX2_ROWS][2])
+DVSM_INLINE void dot_bytes(const int rows, const struct row_bytes *a, const int8_t *columns,
+			   size_t steps, __m256i sums[][2])
+{
+	const __m256i flip = _mm256_set1_epi8(INT8_MIN);
+
+	for (size_t at = 0; at < 4 * steps; at += 4, columns += 64) {
+		__m256i left = _mm256_load_si256((const __m256i *)columns);
+		__m256i right = _mm256_load_si256((const __m256i *)(columns + 32));
+
+		left = _mm256_xor_si256(left, flip);
+		right = _mm256_xor_si256(right, flip);
+		DVSM_UNROLL
+		for (int i = 0; i < rows; i++) {
+			__m256i x = broadcast_bytes(a[i].bytes + at);
+
+			sums[i][0] = add_bytes(sums[i][0], left, x);
+			sums[i][1] = add_bytes(sums[i][1], right, x);
+		}
+	}
+}
+
+#else
+
+/*
+ * vpmaddubsw multiplies unsigned by signed bytes: the sizes of the rows by the columns, which take
+ * the rows' signs over. Two products fit its 16 bits, for a column has no -128.
+ */
+struct row_bytes {
+	const int8_t *bytes;
+	const uint8_t *sizes;
+};
+
+/* 8 sums, 2 columns, 4 on the way to a sum, ones. */
+#define BYTE_ROWS 4
+
+#define ROW_ROOM(count) (count)
+
+static inline struct row_bytes row_prepare(const int8_t *bytes, size_t count, uint8_t *room)
+{
+	for (size_t i = 0; i < count; i += 16) {
+		__m128i a = _mm_loadu_si128((const __m128i *)(bytes + i));
+
+		_mm_storeu_si128((__m128i *)(room + i), _mm_abs_epi8(a));
+	}
+	return (struct row_bytes){bytes, room};
+}
+
+static inline __m256i row_begin(const struct row_bytes *row)
+{
+	(void)row;
+	return _mm256_setzero_si256();
+}
+
+DVSM_INLINE void dot_bytes(const int rows, const struct row_bytes *a, const int8_t *columns,
+			   size_t steps, __m256i sums[][2])
 {
 	const __m256i ones = _mm256_set1_epi16(1);
 
@@ -64,8 +153,8 @@ DVSM_INLINE void dot_bytes(const int rows, const struct rows *a, const int8_t *c
 
 		DVSM_UNROLL
 		for (int i = 0; i < rows; i++) {
-			__m256i x = broadcast_bytes(a->bytes[i] + at);
-			__m256i size = broadcast_bytes(a->sizes[i] + at);
+			__m256i x = broadcast_bytes(a[i].bytes + at);
+			__m256i size = broadcast_bytes(a[i].sizes + at);
 			__m256i l = _mm256_maddubs_epi16(size, _mm256_sign_epi8(left, x));
 			__m256i r = _mm256_maddubs_epi16(size, _mm256_sign_epi8(right, x));
 
@@ -74,6 +163,13 @@ DVSM_INLINE void dot_bytes(const int rows, const struct rows *a, const int8_t *c
 		}
 	}
 }
+
+static inline __m256i add_words(__m256i sums, __m256i a, __m256i b)
+{
+	return _mm256_add_epi32(sums, _mm256_madd_epi16(a, b));
+}
+
+#endif
 
 static inline __m256i broadcast_words(const int16_t *words)
 {
@@ -89,9 +185,9 @@ static inline __m256i broadcast_words(const int16_t *words)
  * words    of each row, ordered, 4 a step
  * columns  64 bytes a step, `step_bytes` apart
  */
-DVSM_INLINE void dot_words(const int rows, const int16_t *const words[DVSM_AVX2_ROWS],
+DVSM_INLINE void dot_words(const int rows, const int16_t *const words[WORD_ROWS],
 			   const int8_t *columns, size_t step_bytes, size_t steps,
-			   __m256i sums[DVSM_AVX2_ROWS][2])
+			   __m256i sums[][2])
 {
 	for (size_t step = 0; step < steps; step++, columns += step_bytes) {
 		__m256i even[2], odd[2];
@@ -110,10 +206,8 @@ DVSM_INLINE void dot_words(const int rows, const int16_t *const words[DVSM_AVX2_
 
 			DVSM_UNROLL
 			for (int j = 0; j < 2; j++) {
-				__m256i a = _mm256_madd_epi16(x, even[j]);
-				__m256i b = _mm256_madd_epi16(y, odd[j]);
-
-				sums[i][j] = _mm256_add_epi32(sums[i][j], _mm256_add_epi32(a, b));
+				sums[i][j] = add_words(sums[i][j], x, even[j]);
+				sums[i][j] = add_words(sums[i][j], y, odd[j]);
 			}
 		}
 	}

@@ -10,6 +10,7 @@ dvsm_fixed_attention_fn dvsm_fixed_attention_avx2;
 dvsm_fixed_attention_fn dvsm_fixed_attention_vnni;
 
 extern const struct dvsm_fixed_kernels dvsm_fixed_kernels_avx2;
+extern const struct dvsm_fixed_kernels dvsm_fixed_kernels_avxvnni;
 extern const struct dvsm_fixed_kernels dvsm_fixed_kernels_avx512;
 extern const struct dvsm_fixed_kernels dvsm_fixed_kernels_vnni;
 extern const struct dvsm_fixed_kernels dvsm_fixed_kernels_amx;

@@ -1,43 +1,40 @@
 /*
- * Fixed-point attention for AVX2: four queries pass over the keys together.
+ * Template: fixed-point attention of AVX2 and AVX-VNNI: four queries pass over the keys together.
  *
  * The sum of p v over a tile of keys fits 32 bits, so the weights need no planes. Over all keys it
  * does not: its upper bits and its last 8 are summed up apart.
  */
 #include "kernels/fixed_avx2.h"
-#include "kernels/fixed_tiers.h"
 
-#define QUERIES DVSM_AVX2_ROWS
+#define QUERIES WORD_ROWS
 
 /* A query on its way; the arrays lie in the scratch. */
 struct query {
 	struct dvsm_fixed_slope slope;
 	int32_t top;
 	int64_t sum;
-	const int8_t *q;  /* [head_width] */
-	uint8_t *sizes;   /* [head_width] of q */
-	int32_t *scores;  /* as many as are kept */
-	int16_t *weights; /* [DVSM_FIXED_KEYS] ordered words */
-	int32_t *o;       /* [head_width] sums above their last 8 bits */
-	int32_t *o_low;   /* [head_width] those bits */
+	struct row_bytes q; /* [head_width] */
+	uint8_t *room;      /* for q */
+	int32_t *scores;    /* as many as are kept */
+	int16_t *weights;   /* [DVSM_FIXED_KEYS] ordered words */
+	int32_t *o;         /* [head_width] sums above their last 8 bits */
+	int32_t *o_low;     /* [head_width] those bits */
 };
 
 static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count,
 		  size_t first)
 {
-	struct rows rows;
+	struct row_bytes rows[QUERIES];
 
-	for (int i = 0; i < QUERIES; i++) {
-		rows.bytes[i] = queries[i].q;
-		rows.sizes[i] = queries[i].sizes;
-	}
+	for (int i = 0; i < QUERIES; i++)
+		rows[i] = queries[i].q;
 	for (size_t at = 0; at < count; at += DVSM_FIXED_PANEL) {
 		__m256i sums[QUERIES][2];
 
 		DVSM_UNROLL
 		for (int i = 0; i < QUERIES; i++)
-			sums[i][0] = sums[i][1] = _mm256_setzero_si256();
-		dot_bytes(QUERIES, &rows, k + at * head_width, head_width / 4, sums);
+			sums[i][0] = sums[i][1] = row_begin(&rows[i]);
+		dot_bytes(QUERIES, rows, k + at * head_width, head_width / 4, sums);
 		DVSM_UNROLL
 		for (int i = 0; i < QUERIES; i++) {
 			_mm256_store_si256((__m256i *)(queries[i].scores + first + at), sums[i][0]);
@@ -205,7 +202,7 @@ static void place(const struct dvsm_fixed_attention *job, size_t scores_stride,
 		at += job->head_width * sizeof(int32_t);
 		queries[i].o_low = (int32_t *)(void *)at;
 		at += job->head_width * sizeof(int32_t);
-		queries[i].sizes = at;
+		queries[i].room = at;
 		at += dvsm_fixed_pad(job->head_width, 32);
 	}
 }
@@ -215,15 +212,9 @@ static void start(const struct dvsm_fixed_attention *job, size_t index, struct q
 	query->slope = dvsm_fixed_slope_make(job->q_scale[index * job->scale_stride]);
 	query->top = 0;
 	query->sum = 0;
-	query->q = job->q + index * job->q_stride;
-	size_bytes(query->q, job->head_width, query->sizes);
+	query->q = row_prepare(job->q + index * job->q_stride, job->head_width, query->room);
 	memset(query->o, 0, job->head_width * sizeof(*query->o));
 	memset(query->o_low, 0, job->head_width * sizeof(*query->o_low));
 }
 
 #include "kernels/fixed_group.inc.h"
-
-void dvsm_fixed_attention_avx2(const struct dvsm_fixed_attention *job)
-{
-	attention(job);
-}

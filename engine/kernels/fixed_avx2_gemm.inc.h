@@ -1,11 +1,8 @@
-/* Fixed-point products for AVX2. */
+/* Template: fixed-point products of AVX2 and AVX-VNNI. */
 #include "kernels/fixed_avx2.h"
-#include "kernels/fixed_tiers.h"
 
-#define ROWS DVSM_AVX2_ROWS
-
-/* Depth whose sizes are made at a time. */
-#define CHUNK 512u
+/* Depth of the rows that is prepared at a time. */
+#define CHUNK 4096u
 
 /* gelu() of eight saturated numbers. */
 static inline __m256i gelu_lanes(__m256i u, int fraction)
@@ -106,27 +103,43 @@ static inline void finish(const struct dvsm_fixed_gemm *job, const struct requan
 	store_s16((int16_t *)job->c + at, r, left);
 }
 
+/* Rows on their way, prepared up to a chunk of their depth. */
+struct strip {
+	struct row_bytes rows[BYTE_ROWS];
+	uint8_t room[BYTE_ROWS][ROW_ROOM(CHUNK)];
+};
+
+DVSM_INLINE void prepare(const int rows, const struct dvsm_fixed_gemm *job, size_t row, size_t d,
+			 size_t count, struct strip *strip)
+{
+	for (int i = 0; i < rows; i++)
+		strip->rows[i] = row_prepare(job->a + (row + (size_t)i) * job->a_stride + d, count,
+					     strip->room[i]);
+}
+
 /* `rows` rows (a constant where it is called) with the panel of column `col` on. */
 DVSM_INLINE void tile(const int rows, const struct dvsm_fixed_gemm *job,
-		      const struct requantise *how, size_t row, size_t col)
+		      const struct requantise *how, size_t row, size_t col, struct strip *strip)
 {
-	uint8_t sizes[ROWS][CHUNK];
 	const int8_t *w = job->panels + col * job->depth;
-	__m256i sums[ROWS][2], done[ROWS][2];
+	__m256i sums[BYTE_ROWS][2], done[BYTE_ROWS][2];
 
 	DVSM_UNROLL
 	for (int i = 0; i < rows; i++)
 		sums[i][0] = sums[i][1] = _mm256_setzero_si256();
 	for (size_t d = 0; d < job->depth; d += CHUNK) {
 		size_t count = job->depth - d < CHUNK ? job->depth - d : CHUNK;
-		struct rows a;
 
+		if (job->depth > CHUNK)
+			prepare(rows, job, row, d, count, strip);
+		DVSM_UNROLL
 		for (int i = 0; i < rows; i++) {
-			a.bytes[i] = job->a + (row + (size_t)i) * job->a_stride + d;
-			a.sizes[i] = sizes[i];
-			size_bytes(a.bytes[i], count, sizes[i]);
+			__m256i begin = row_begin(&strip->rows[i]);
+
+			sums[i][0] = _mm256_add_epi32(sums[i][0], begin);
+			sums[i][1] = _mm256_add_epi32(sums[i][1], begin);
 		}
-		dot_bytes(rows, &a, w + d * DVSM_FIXED_PANEL, count / 4, sums);
+		dot_bytes(rows, strip->rows, w + d * DVSM_FIXED_PANEL, count / 4, sums);
 	}
 	DVSM_UNROLL
 	for (int i = 0; i < rows; i++) {
@@ -141,16 +154,28 @@ DVSM_INLINE void tile(const int rows, const struct dvsm_fixed_gemm *job,
 	}
 }
 
-void dvsm_fixed_gemm_avx2(const struct dvsm_fixed_gemm *job)
+/* All columns of `rows` rows: those are prepared once, the weights stream past them. */
+DVSM_INLINE void walk_columns(const int rows, const struct dvsm_fixed_gemm *job,
+			      const struct requantise *how, size_t row)
+{
+	struct strip strip;
+
+	prepare(rows, job, row, 0, job->depth < CHUNK ? job->depth : CHUNK, &strip);
+	for (size_t col = 0; col < job->cols; col += DVSM_FIXED_PANEL)
+		tile(rows, job, how, row, col, &strip);
+}
+
+static void gemm(const struct dvsm_fixed_gemm *job)
 {
 	const struct requantise how = requantise_prepare(job);
+	size_t row = 0;
 
-	for (size_t col = 0; col < job->cols; col += DVSM_FIXED_PANEL) {
-		size_t row = 0;
-
-		for (; row + ROWS <= job->rows; row += ROWS)
-			tile(ROWS, job, &how, row, col);
-		for (; row < job->rows; row++)
-			tile(1, job, &how, row, col);
+	for (; row + BYTE_ROWS <= job->rows; row += BYTE_ROWS)
+		walk_columns(BYTE_ROWS, job, &how, row);
+	if (BYTE_ROWS > 4 && row + 4 <= job->rows) {
+		walk_columns(4, job, &how, row);
+		row += 4;
 	}
+	for (; row < job->rows; row++)
+		walk_columns(1, job, &how, row);
 }
