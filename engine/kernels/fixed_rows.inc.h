@@ -18,23 +18,33 @@ static int positive(int a)
 	return a > 0 ? a : 0;
 }
 
-/* R(a, s) of 32 bits: no sum leaves them, and a shift of 32 and more leaves the sign, which is 0.
+/*
+ * R(a, s) of 32 bits as two shifts and a sum, none of which a branch decides: that is for the
+ * compiler's vectors. No sum leaves 32 bits, and a shift of 32 and more leaves the sign, which is
+ * 0.
  */
-static inline int32_t round_s32(int32_t a, int s)
-{
-	const int before = s > 32 ? 31 : s - 1;
+struct rounding {
+	int before, half, after;
+};
 
-	return s == 0 ? a : ((a >> before) + 1) >> 1;
+static inline struct rounding rounding_make(int s)
+{
+	return s == 0 ? (struct rounding){0, 0, 0} : (struct rounding){s > 32 ? 31 : s - 1, 1, 1};
+}
+
+static inline int32_t round_s32(int32_t a, struct rounding r)
+{
+	return ((a >> r.before) + r.half) >> r.after;
 }
 
 /* x' without its mean, int32. Both shifts depend on the largest number alone. */
-static inline int32_t centred(int32_t x, int shift, int32_t mean)
+static inline int32_t centred(int32_t x, struct rounding first, int32_t mean)
 {
-	return round_s32(x, shift) - mean;
+	return round_s32(x, first) - mean;
 }
 
 struct row_norm {
-	int first, second; /* shifts t and u */
+	struct rounding first, second; /* by t and u */
 	int32_t mean;
 	uint32_t largest; /* |c gain| */
 	uint64_t squares;
@@ -46,9 +56,19 @@ static inline int32_t norm_number(const struct row_norm *row, int32_t x)
 }
 
 /* dvsm_fixed_narrow_shift() */
-static inline int32_t narrow_number(int32_t y, int shift)
+struct narrowing {
+	int up;
+	struct rounding down;
+};
+
+static inline struct narrowing narrowing_make(int shift)
 {
-	return shift >= 0 ? round_s32(y, shift) : y * (1 << -shift);
+	return (struct narrowing){shift < 0 ? -shift : 0, rounding_make(shift > 0 ? shift : 0)};
+}
+
+static inline int32_t narrow_number(int32_t y, struct narrowing by)
+{
+	return round_s32((int32_t)((uint32_t)y << by.up), by.down);
 }
 
 static struct row_norm measure_row(const int32_t *x, size_t dim,
@@ -56,12 +76,14 @@ static struct row_norm measure_row(const int32_t *x, size_t dim,
 {
 	struct row_norm row = {0};
 	uint32_t largest = 0;
+	int first, second;
 	int64_t sum = 0, twice, mean;
 	const int64_t count = (int64_t)dim;
 
 	for (size_t d = 0; d < dim; d++)
 		largest = size_of(x[d]) > largest ? size_of(x[d]) : largest;
-	row.first = positive(dvsm_fixed_bits(largest) - (30 - dvsm_fixed_log2_up(dim)));
+	first = positive(dvsm_fixed_bits(largest) - (30 - dvsm_fixed_log2_up(dim)));
+	row.first = rounding_make(first);
 	for (size_t d = 0; d < dim; d++)
 		sum += round_s32(x[d], row.first);
 	twice = 2 * sum + count;
@@ -74,9 +96,10 @@ static struct row_norm measure_row(const int32_t *x, size_t dim,
 
 		largest = size > largest ? size : largest;
 	}
-	row.second = positive(dvsm_fixed_bits(largest) - 14);
-	row.squares = (uint64_t)dvsm_fixed_round(
-		weights->epsilon, dvsm_fixed_clamp(2 * (row.first + row.second), 0, 62));
+	second = positive(dvsm_fixed_bits(largest) - 14);
+	row.second = rounding_make(second);
+	row.squares = (uint64_t)dvsm_fixed_round(weights->epsilon,
+						 dvsm_fixed_clamp(2 * (first + second), 0, 62));
 	largest = 0;
 	for (size_t d = 0; d < dim; d++) {
 		int16_t c = (int16_t)norm_number(&row, x[d]); /* 14 bits and a sign */
@@ -89,32 +112,66 @@ static struct row_norm measure_row(const int32_t *x, size_t dim,
 	return row;
 }
 
+/* A row in one plane, and in two. */
+static void write_norm(const int32_t *restrict x, size_t dim, const int16_t *restrict gain,
+		       const struct row_norm *norm, struct narrowing by, int32_t inverse,
+		       int8_t *restrict out)
+{
+	const struct row_norm row = *norm;
+
+	for (size_t d = 0; d < dim; d++) {
+		int32_t y = narrow_number(norm_number(&row, x[d]) * gain[d], by);
+
+		out[d] = (int8_t)((y * inverse + (1 << 14)) >> 15);
+	}
+}
+
+static void write_planes(const int32_t *restrict x, size_t dim, const int16_t *restrict gain,
+			 const struct row_norm *norm, struct narrowing by, int8_t *restrict high,
+			 int8_t *restrict low)
+{
+	const struct row_norm row = *norm;
+
+	for (size_t d = 0; d < dim; d++) {
+		int32_t y = narrow_number(norm_number(&row, x[d]) * gain[d], by);
+
+		/* The lower plane is what is left of the lowest byte, signed. */
+		high[d] = (int8_t)((y + 128) >> 8);
+		low[d] = (int8_t)y;
+	}
+}
+
 static void norm(const struct dvsm_fixed_norm *job)
 {
+	const size_t rest = job->out_stride - job->dim;
+
 	for (size_t i = 0; i < job->rows; i++) {
 		const int32_t *x = job->x + i * job->dim;
 		int8_t *high = job->high + i * job->out_stride;
-		int8_t *low = job->fine ? job->low + i * job->out_stride : NULL;
 		struct row_norm row = measure_row(x, job->dim, &job->gain);
 		struct dvsm_fixed_narrow narrow = dvsm_fixed_narrow_make(
 			row.largest, job->fine, row.squares, job->gain.scale);
+		const struct narrowing by = narrowing_make(narrow.shift);
 
-		memset(high, 0, job->out_stride);
-		if (low)
-			memset(low, 0, job->out_stride);
-		for (size_t d = 0; d < job->dim; d++) {
-			int32_t y = narrow_number(norm_number(&row, x[d]) * job->gain.gain[d],
-						  narrow.shift);
+		memset(high + job->dim, 0, rest);
+		if (job->fine) {
+			int8_t *low = job->low + i * job->out_stride;
 
-			if (low) {
-				high[d] = (int8_t)((y + 128) >> 8);
-				low[d] = (int8_t)(y - high[d] * 256);
-			} else {
-				high[d] = (int8_t)((y * narrow.inverse + (1 << 14)) >> 15);
-			}
+			memset(low + job->dim, 0, rest);
+			write_planes(x, job->dim, job->gain.gain, &row, by, high, low);
+		} else {
+			write_norm(x, job->dim, job->gain.gain, &row, by, narrow.inverse, high);
 		}
 		job->a_scale[i] = narrow.scale;
 	}
+}
+
+/* Numbers of 16 bits, shifted to the top, to 8. */
+static void write_fit(const int16_t *restrict x, size_t dim, int shift, int32_t inverse,
+		      int8_t *restrict a)
+{
+	for (size_t d = 0; d < dim; d++)
+		a[d] = (int8_t)(((int16_t)(x[d] * (1 << shift)) * inverse + (1 << 14)) >> 15);
 }
 
 static void quantise(const struct dvsm_fixed_quantise *job)
@@ -130,9 +187,7 @@ static void quantise(const struct dvsm_fixed_quantise *job)
 		struct dvsm_fixed_fit fit =
 			dvsm_fixed_fit_make(largest > INT16_MAX ? INT16_MAX : largest);
 
-		for (size_t d = 0; d < job->dim; d++)
-			a[d] = (int8_t)dvsm_fixed_mulhrs((int16_t)(x[d] * (1 << fit.shift)),
-							 fit.inverse);
+		write_fit(x, job->dim, fit.shift, fit.inverse, a);
 		memset(a + job->dim, 0, job->a_stride - job->dim);
 		job->a_scale[i] = dvsm_fixed_shift(fit.scale, -job->fraction);
 	}
@@ -145,6 +200,13 @@ static uint64_t sum_squares(const int16_t *u, size_t dim)
 	for (size_t d = 0; d < dim; d++)
 		squares += (uint32_t)(u[d] * u[d]);
 	return squares;
+}
+
+static void write_query(const int16_t *restrict u, size_t dim, const int16_t *restrict gain,
+			struct narrowing by, int32_t inverse, int8_t *restrict q)
+{
+	for (size_t d = 0; d < dim; d++)
+		q[d] = (int8_t)((narrow_number(u[d] * gain[d], by) * inverse + (1 << 14)) >> 15);
 }
 
 static void query(const int16_t *u, size_t dim, const struct dvsm_fixed_gain *weights, int8_t *q,
@@ -161,11 +223,7 @@ static void query(const int16_t *u, size_t dim, const struct dvsm_fixed_gain *we
 	struct dvsm_fixed_narrow narrow = dvsm_fixed_narrow_make(
 		largest, false, sum_squares(u, dim) + (uint64_t)weights->epsilon, weights->scale);
 
-	for (size_t d = 0; d < dim; d++)
-		q[d] = (int8_t)((narrow_number(u[d] * weights->gain[d], narrow.shift) *
-					 narrow.inverse +
-				 (1 << 14)) >>
-				15);
+	write_query(u, dim, weights->gain, narrowing_make(narrow.shift), narrow.inverse, q);
 	*scale = narrow.scale;
 }
 
@@ -183,55 +241,133 @@ static void keys(const struct dvsm_fixed_keys *job)
 		int16_t *n = job->n + i * job->n_stride;
 		const struct dvsm_fixed_factor factor =
 			dvsm_fixed_key_factor(job, sum_squares(u, job->dim));
+		const struct rounding by = rounding_make(factor.shift);
 
 		for (size_t d = 0; d < job->dim; d++)
-			n[d] = saturate_s32(round_s32(u[d] * factor.mantissa, factor.shift));
+			n[d] = saturate_s32(round_s32(u[d] * factor.mantissa, by));
 	}
 }
 
 /* ---- keys and values ---- */
 
-static void range(const int16_t *x, size_t x_stride, size_t rows, size_t channels,
-		  struct dvsm_fixed_range *ranges)
+/* Channels at a time, one array for each of what belongs to them. */
+#define CHANNELS 64u
+
+/* Rows whose sum fits 32 bits. */
+#define RANGE_ROWS 32768u
+
+struct range_block {
+	int32_t sum[CHANNELS];
+	int16_t low[CHANNELS], high[CHANNELS];
+};
+
+static void widen_block(const int16_t *restrict x, size_t count, struct range_block *restrict block)
 {
-	for (size_t i = 0; i < rows; i++, x += x_stride) {
-		for (size_t d = 0; d < channels; d++) {
-			ranges[d].sum += x[d];
-			ranges[d].low = x[d] < ranges[d].low ? x[d] : ranges[d].low;
-			ranges[d].high = x[d] > ranges[d].high ? x[d] : ranges[d].high;
-		}
+	for (size_t d = 0; d < count; d++) {
+		block->sum[d] += x[d];
+		block->low[d] = x[d] < block->low[d] ? x[d] : block->low[d];
+		block->high[d] = x[d] > block->high[d] ? x[d] : block->high[d];
 	}
 }
 
-static int8_t pack_number(int16_t x, const struct dvsm_fixed_channel *channel)
+static void range_rows(const int16_t *x, size_t x_stride, size_t rows, size_t count,
+		       struct dvsm_fixed_range *ranges)
 {
-	int32_t c = dvsm_fixed_saturate((int64_t)x - channel->mean);
+	struct range_block block;
 
-	return (int8_t)dvsm_fixed_round(
-		dvsm_fixed_saturate((int64_t)c * (1 << channel->shift)) * channel->inverse, 15);
+	for (size_t d = 0; d < count; d++) {
+		block.sum[d] = 0;
+		block.low[d] = ranges[d].low;
+		block.high[d] = ranges[d].high;
+	}
+	for (size_t i = 0; i < rows; i++)
+		widen_block(x + i * x_stride, count, &block);
+	for (size_t d = 0; d < count; d++)
+		ranges[d] = (struct dvsm_fixed_range){ranges[d].sum + block.sum[d], block.low[d],
+						      block.high[d]};
+}
+
+static void range(const int16_t *x, size_t x_stride, size_t rows, size_t channels,
+		  struct dvsm_fixed_range *ranges)
+{
+	for (size_t row = 0; row < rows; row += RANGE_ROWS) {
+		const size_t left = rows - row;
+
+		for (size_t at = 0; at < channels; at += CHANNELS)
+			range_rows(x + row * x_stride + at, x_stride,
+				   left < RANGE_ROWS ? left : RANGE_ROWS,
+				   channels - at < CHANNELS ? channels - at : CHANNELS,
+				   ranges + at);
+	}
+}
+
+struct pack_channels {
+	int32_t mean[CHANNELS], factor[CHANNELS], inverse[CHANNELS];
+};
+
+static void take_channels(const struct dvsm_fixed_channel *channels, size_t count,
+			  struct pack_channels *taken)
+{
+	for (size_t d = 0; d < count; d++) {
+		taken->mean[d] = channels[d].mean;
+		taken->factor[d] = 1 << channels[d].shift;
+		taken->inverse[d] = channels[d].inverse;
+	}
+}
+
+static void pack_row(const int16_t *restrict x, size_t count,
+		     const struct pack_channels *restrict channels, int8_t *restrict out)
+{
+	for (size_t d = 0; d < count; d++) {
+		int32_t c = saturate_s32(x[d] - channels->mean[d]);
+
+		c = saturate_s32(c * channels->factor[d]);
+		out[d] = (int8_t)((c * channels->inverse[d] + (1 << 14)) >> 15);
+	}
+}
+
+static size_t pack_count(const struct dvsm_fixed_pack *job, size_t first)
+{
+	return job->dim - first < CHANNELS ? job->dim - first : CHANNELS;
 }
 
 static void pack_keys(const struct dvsm_fixed_pack *job)
 {
-	for (size_t i = 0; i < job->rows; i++) {
-		size_t key = job->first + i;
-		int8_t *to = job->packed +
-			     key / DVSM_FIXED_PANEL * DVSM_FIXED_PANEL * job->head_width +
-			     key % DVSM_FIXED_PANEL * 4;
+	for (size_t at = 0; at < job->dim; at += CHANNELS) {
+		const size_t count = pack_count(job, at);
+		struct pack_channels channels;
 
-		for (size_t d = 0; d < job->dim; d++)
-			to[d / 4 * 4 * DVSM_FIXED_PANEL + d % 4] =
-				pack_number(job->x[i * job->x_stride + d], &job->channels[d]);
+		take_channels(job->channels + at, count, &channels);
+		for (size_t i = 0; i < job->rows; i++) {
+			const size_t key = job->first + i;
+			int8_t *to = job->packed +
+				     key / DVSM_FIXED_PANEL * DVSM_FIXED_PANEL * job->head_width +
+				     at * DVSM_FIXED_PANEL + key % DVSM_FIXED_PANEL * 4;
+			int8_t numbers[CHANNELS];
+
+			pack_row(job->x + i * job->x_stride + at, count, &channels, numbers);
+			for (size_t d = 0; d < count; d += 4)
+				memcpy(to + d * DVSM_FIXED_PANEL, numbers + d,
+				       count - d < 4 ? count - d : 4);
+		}
 	}
 }
 
 static void pack_values(const struct dvsm_fixed_pack *job)
 {
-	for (size_t i = 0; i < job->rows; i++) {
-		size_t key = job->first + i;
-		int8_t *to = job->packed + key / 4 * 4 * job->head_width + key % 4;
+	for (size_t at = 0; at < job->dim; at += CHANNELS) {
+		const size_t count = pack_count(job, at);
+		struct pack_channels channels;
 
-		for (size_t d = 0; d < job->dim; d++)
-			to[4 * d] = pack_number(job->x[i * job->x_stride + d], &job->channels[d]);
+		take_channels(job->channels + at, count, &channels);
+		for (size_t i = 0; i < job->rows; i++) {
+			const size_t key = job->first + i;
+			int8_t *to = job->packed + key / 4 * 4 * job->head_width + 4 * at + key % 4;
+			int8_t numbers[CHANNELS];
+
+			pack_row(job->x + i * job->x_stride + at, count, &channels, numbers);
+			for (size_t d = 0; d < count; d++)
+				to[4 * d] = numbers[d];
+		}
 	}
 }
