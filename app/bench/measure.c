@@ -123,8 +123,7 @@ static enum dvsm_status time_reconstruct(struct bench *bench, struct dio_measure
 	if (status == DVSM_OK) {
 		for (uint32_t i = 0; i < wish->views; i++)
 			tokens[i] = dio_count_tokens(&bench->views[i].camera, wish->patch_px);
-		operations = dio_count_reconstruct(dvsm_model_get_config(bench->work->model),
-						   tokens, wish->views);
+		operations = dio_count_reconstruct(&bench->work->config, tokens, wish->views);
 		made->reconstruct = sum_up(times_ns, runs, operations);
 		made->memory = stats.memory;
 	}
@@ -137,7 +136,7 @@ static enum dvsm_status time_render(struct bench *bench, struct dio_measured *ma
 				    struct dvsm_error *fault)
 {
 	const struct dio_measure *wish = bench->wish;
-	const struct dvsm_model_config *config = dvsm_model_get_config(bench->work->model);
+	const struct dvsm_model_config *config = &bench->work->config;
 	uint64_t times_ns[DIO_RUNS_MAX], spent_ns = 0;
 	enum dvsm_status status = DVSM_OK;
 	struct dvsm_stats stats = {0};
@@ -273,7 +272,7 @@ static enum dio_status open_bench(struct bench *bench, struct dio_measured *made
 	return DIO_OK;
 }
 
-enum dio_status dio_measure_run(const struct dio_work *work, const struct dio_measure *wish,
+enum dio_status dio_measure_run(struct dio_work *work, const struct dio_measure *wish,
 				struct dio_measured *measured, struct dio_error *error)
 {
 	struct bench bench = {.work = work, .wish = wish};
@@ -282,7 +281,9 @@ enum dio_status dio_measure_run(const struct dio_work *work, const struct dio_me
 	enum dio_status status;
 
 	forget_peak();
-	status = open_bench(&bench, &made, error);
+	status = dio_work_use(work, wish->precision, error);
+	if (status == DIO_OK)
+		status = open_bench(&bench, &made, error);
 	if (status == DIO_OK)
 		status = dio_status_from_engine(time_reconstruct(&bench, &made, &fault), &fault,
 						error);

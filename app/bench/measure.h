@@ -46,11 +46,12 @@ struct dio_measured {
 };
 
 /**
- * Measure. A stage whose runs take long ends after three of them.
+ * Measure, with the work's model opened for the precision. A stage whose runs take long ends after
+ * three of them.
  *
  * DIO_UNSUPPORTED  this build or model has no such precision
  */
-enum dio_status dio_measure_run(const struct dio_work *work, const struct dio_measure *wish,
+enum dio_status dio_measure_run(struct dio_work *work, const struct dio_measure *wish,
 				struct dio_measured *measured, struct dio_error *error);
 
 /** Half the distance of the quartiles over the median. */

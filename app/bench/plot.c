@@ -389,7 +389,7 @@ static void draw_legend(FILE *out, const struct panel *panels, uint32_t count, d
 static void draw_page(FILE *out, const struct dio_report *report, uint32_t threads,
 		      struct panel *panels, uint32_t count)
 {
-	const struct dvsm_model_config *config = dvsm_model_get_config(report->work->model);
+	const struct dvsm_model_config *config = &report->work->config;
 	const struct dio_camera_model *camera = &report->work->views.target[0].camera;
 	const double width = (double)PANEL_WIDTH * count;
 

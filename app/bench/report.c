@@ -24,7 +24,7 @@ double dio_report_share(const struct dio_outcome *outcome, const struct dio_meas
 void dio_report_print_head(const struct dio_report *report, const struct dio_outcome *outcome)
 {
 	const struct dio_machine *machine = report->machine;
-	const struct dvsm_model_config *config = dvsm_model_get_config(report->work->model);
+	const struct dvsm_model_config *config = &report->work->config;
 	const struct dio_camera_model *camera = &report->work->views.target[0].camera;
 
 	printf("machine  %s, %u processors, %.1f GiB, last cache %.0f MiB; %s; %s; %s\n",
@@ -121,11 +121,11 @@ static cJSON *describe_peak(const struct dio_peak *peak)
 
 static cJSON *describe_work(const struct dio_work *work)
 {
-	const struct dvsm_model_config *config = dvsm_model_get_config(work->model);
+	const struct dvsm_model_config *config = &work->config;
 	cJSON *object = cJSON_CreateObject();
 
 	dio_json_add_text(object, "model", work->model_name);
-	dio_json_add_text(object, "model_sha256", dvsm_model_get_sha256(work->model));
+	dio_json_add_text(object, "model_sha256", work->model_sha256);
 	cJSON_AddNumberToObject(object, "dim", config->dim);
 	cJSON_AddNumberToObject(object, "heads", config->heads);
 	cJSON_AddNumberToObject(object, "layers", config->layers);

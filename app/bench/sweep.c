@@ -82,7 +82,7 @@ static enum dio_status measure_peaks(const struct dio_sweep *sweep, struct dio_o
 
 /* A sweep under way. */
 struct run {
-	const struct dio_work *work;
+	struct dio_work *work;
 	const struct dio_sweep *sweep;
 	dio_sweep_fn *said;
 	const void *context;
@@ -141,7 +141,7 @@ static enum dio_status measure_size(struct run *run, uint32_t patch_px, uint32_t
 	return status;
 }
 
-enum dio_status dio_sweep_run(const struct dio_work *work, const struct dio_sweep *sweep,
+enum dio_status dio_sweep_run(struct dio_work *work, const struct dio_sweep *sweep,
 			      dio_sweep_fn *said, const void *context, struct dio_outcome *outcome,
 			      struct dio_error *error)
 {

@@ -46,7 +46,7 @@ typedef void dio_sweep_fn(const void *context, const struct dio_outcome *outcome
 			  const struct dio_measured *measured);
 
 /** Measure the machine, then everything; `said` is NULL or told of each. */
-enum dio_status dio_sweep_run(const struct dio_work *work, const struct dio_sweep *sweep,
+enum dio_status dio_sweep_run(struct dio_work *work, const struct dio_sweep *sweep,
 			      dio_sweep_fn *said, const void *context, struct dio_outcome *outcome,
 			      struct dio_error *error);
 void dio_outcome_deinit(struct dio_outcome *outcome);

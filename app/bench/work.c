@@ -15,12 +15,12 @@ static enum dio_status open_model(const char *path, struct dio_work *work, struc
 {
 	struct dvsm_error fault = {0};
 
-	return dio_status_from_engine(dvsm_model_open(path, &work->model, &fault), &fault, error);
+	return dio_status_from_engine(
+		dvsm_model_open_for(path, work->precision, &work->model, &fault), &fault, error);
 }
 
 /* Drawn into memory that has a name for the engine to open, and no place on any disk. */
-static enum dio_status draw_model(const struct dio_draw_size *size, struct dio_work *work,
-				  struct dio_error *error)
+static enum dio_status draw_model(struct dio_work *work, struct dio_error *error)
 {
 	int file = memfd_create("drawn.safetensors", MFD_CLOEXEC);
 	FILE *stream = file < 0 ? NULL : fdopen(file, "w");
@@ -33,19 +33,31 @@ static enum dio_status draw_model(const struct dio_draw_size *size, struct dio_w
 		return dio_fail(error, DIO_NO_MEM, "no memory to draw a model in");
 	}
 	snprintf(path, sizeof path, "/proc/self/fd/%d", file);
-	status = dio_draw_model(&size->model, stream, error);
+	status = dio_draw_model(&work->size->model, stream, error);
 	if (status == DIO_OK)
 		status = open_model(path, work, error);
 	fclose(stream);
 	return status;
 }
 
-static enum dio_status read_model(const char *path, struct dio_work *work, struct dio_error *error)
+enum dio_status dio_work_use(struct dio_work *work, enum dvsm_precision precision,
+			     struct dio_error *error)
 {
-	enum dio_status status =
-		dio_model_read_tokens_per_view(path, &work->tokens_per_view, error);
+	enum dio_status status;
 
-	return status == DIO_OK ? open_model(path, work, error) : status;
+	if (work->model && work->precision == precision)
+		return DIO_OK;
+	dvsm_model_close(work->model);
+	work->model = NULL;
+	work->precision = precision;
+	status = work->model_path ? open_model(work->model_path, work, error)
+				  : draw_model(work, error);
+	if (status != DIO_OK)
+		return status;
+	work->config = *dvsm_model_get_config(work->model);
+	snprintf(work->model_sha256, sizeof work->model_sha256, "%s",
+		 dvsm_model_get_sha256(work->model));
+	return DIO_OK;
 }
 
 static enum dio_status read_views(const char *path, struct dio_work *work, struct dio_error *error)
@@ -93,13 +105,19 @@ static enum dio_status make_engine_views(struct dio_work *work, struct dio_error
 }
 
 enum dio_status dio_work_open(const struct dio_draw_size *size, const char *model,
-			      const char *scene, uint32_t views, struct dio_work *work,
-			      struct dio_error *error)
+			      enum dvsm_precision precision, const char *scene, uint32_t views,
+			      struct dio_work *work, struct dio_error *error)
 {
-	enum dio_status status;
+	enum dio_status status = DIO_OK;
 
 	work->drawn = scene == NULL;
-	status = model ? read_model(model, work, error) : draw_model(size, work, error);
+	work->size = size;
+	if (model && !(work->model_path = strdup(model)))
+		status = dio_fail(error, DIO_NO_MEM, "%s: no memory", model);
+	if (status == DIO_OK && model)
+		status = dio_model_read_tokens_per_view(model, &work->tokens_per_view, error);
+	if (status == DIO_OK)
+		status = dio_work_use(work, precision, error);
 	if (status == DIO_OK)
 		status = scene ? read_views(scene, work, error)
 			       : dio_draw_views(size->width, size->height, views, &work->views,
@@ -120,6 +138,7 @@ void dio_work_deinit(struct dio_work *work)
 {
 	dvsm_model_close(work->model);
 	dio_view_set_deinit(&work->views);
+	free(work->model_path);
 	free(work->model_name);
 	free(work->scene_name);
 	free(work->context);

@@ -10,8 +10,13 @@
 
 /** Release with dio_work_deinit(). */
 struct dio_work {
-	struct dvsm_model *model;
-	char *model_name; /* for people */
+	struct dvsm_model *model; /* opened for `precision` alone, whose peak is measured */
+	enum dvsm_precision precision;
+	struct dvsm_model_config config;
+	char model_sha256[65];
+	char *model_path;                 /* NULL: drawn, as `size` says */
+	const struct dio_draw_size *size; /* static */
+	char *model_name;                 /* for people */
 	char *scene_name;
 	uint32_t tokens_per_view; /* that the weights were trained with; 0: unknown */
 	struct dio_view_set views;
@@ -24,14 +29,23 @@ struct dio_work {
 /**
  * Open what the user named and draw the rest.
  *
- * size    sizes of what is drawn
- * model   a file, or NULL: drawn
- * scene   scene.json or its folder, or NULL: `views` pictures are drawn
- * work    zero-initialised
+ * size       sizes of what is drawn
+ * model      a file, or NULL: drawn
+ * precision  for which the model is opened
+ * scene      scene.json or its folder, or NULL: `views` pictures are drawn
+ * work       zero-initialised
  */
 enum dio_status dio_work_open(const struct dio_draw_size *size, const char *model,
-			      const char *scene, uint32_t views, struct dio_work *work,
-			      struct dio_error *error);
+			      enum dvsm_precision precision, const char *scene, uint32_t views,
+			      struct dio_work *work, struct dio_error *error);
+
+/**
+ * Have the model opened for a precision, in place of another; no engine may be left on that.
+ *
+ * DIO_UNSUPPORTED  the precision does not take the model; the next call may ask for one that does
+ */
+enum dio_status dio_work_use(struct dio_work *work, enum dvsm_precision precision,
+			     struct dio_error *error);
 void dio_work_deinit(struct dio_work *work);
 
 /** Index of the context view that takes place `at` when `views` of them are used: a scene's are

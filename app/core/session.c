@@ -46,7 +46,8 @@ static enum dio_status open_engine(struct dio_session *session,
 						   .cpu_mask = options->cpu_mask,
 						   .precision = options->precision};
 	struct dvsm_error fault = {0};
-	enum dvsm_status status = dvsm_model_open(session->model_path, &session->model, &fault);
+	enum dvsm_status status = dvsm_model_open_for(session->model_path, options->precision,
+						      &session->model, &fault);
 
 	if (status == DVSM_OK)
 		status = dvsm_engine_create(session->model, &engine, &session->engine, &fault);
@@ -214,8 +215,8 @@ enum dio_status dio_session_compare(struct dio_session *session, const struct di
 				    struct dvsm_half_error *errors, struct dio_error *error)
 {
 	struct dvsm_camera targets[DIO_COMPARE_TARGETS];
+	struct dvsm_model *model = NULL;
 	struct dvsm_measure_job job = {
-		.model = session->model,
 		.view_count = set->context_count,
 		.targets = targets,
 	};
@@ -232,11 +233,16 @@ enum dio_status dio_session_compare(struct dio_session *session, const struct di
 	for (uint32_t i = 0; i < set->target_count && i < DIO_COMPARE_TARGETS;
 	     i++, job.target_count++)
 		targets[i] = dio_view_engine_camera(&set->target[i].camera, &set->target[i].pose);
+	/* The session's model holds the weights of one precision; this takes two. */
+	status = dvsm_model_open(session->model_path, &model, &fault);
+	job.model = model;
 	job.views = views;
 	job.patch_recon = dio_session_get_patch_recon(session, &set->context[0].camera);
 	if (job.target_count)
 		job.patch_render = dio_session_get_patch_render(session, &set->target[0].camera);
-	status = dvsm_activations_measure(&job, errors, &fault);
+	if (status == DVSM_OK)
+		status = dvsm_activations_measure(&job, errors, &fault);
+	dvsm_model_close(model);
 	free(views);
 	free(block);
 	return dio_status_from_engine(status, &fault, error);

@@ -46,8 +46,7 @@ static void choose_patch(const struct dio_work *work, struct dio_list *patches)
 	const struct dio_camera_model *camera = &work->views.target[0].camera;
 
 	patches->count = 1;
-	patches->values[0] = dio_model_choose_patch(work->tokens_per_view,
-						    dvsm_model_get_config(work->model)->patch_px,
+	patches->values[0] = dio_model_choose_patch(work->tokens_per_view, work->config.patch_px,
 						    camera->width, camera->height);
 }
 
@@ -100,12 +99,11 @@ static enum dio_status complete(const struct bench_job *job, const struct dio_wo
 	return DIO_OK;
 }
 
-static enum dio_status measure(const struct bench_job *job, const struct dio_report *report,
-			       struct dio_error *error)
+static enum dio_status measure(const struct bench_job *job, struct dio_work *work,
+			       const struct dio_report *report, struct dio_error *error)
 {
 	struct dio_outcome outcome = {0};
-	enum dio_status status =
-		dio_sweep_run(report->work, report->sweep, say, report, &outcome, error);
+	enum dio_status status = dio_sweep_run(work, report->sweep, say, report, &outcome, error);
 	cJSON *root;
 
 	if (status == DIO_OK && job->json) {
@@ -142,8 +140,8 @@ static enum dio_status bench(struct bench_job *job, struct dio_error *error)
 		job->session.model = shipped;
 	}
 	if (status == DIO_OK)
-		status = dio_work_open(size, job->session.model, job->scene, most(&sweep.views),
-				       &work, error);
+		status = dio_work_open(size, job->session.model, sweep.precisions.values[0],
+				       job->scene, most(&sweep.views), &work, error);
 	if (status == DIO_OK)
 		status = complete(job, &work, &sweep, error);
 	if (status == DIO_OK && job->save) {
@@ -152,7 +150,7 @@ static enum dio_status bench(struct bench_job *job, struct dio_error *error)
 	} else if (status == DIO_OK) {
 		const struct dio_report report = {&machine, &work, &sweep};
 
-		status = measure(job, &report, error);
+		status = measure(job, &work, &report, error);
 	}
 	dio_work_deinit(&work);
 	free(shipped);

@@ -237,6 +237,7 @@ static enum dvsm_status check_places(struct dvsm_safetensors *file, struct dvsm_
 {
 	size_t data_bytes = file->source.size - file->source.position;
 	enum dvsm_status status = check_range(file, data_bytes, error);
+	file->data_at = file->source.position;
 	if (status != DVSM_OK)
 		return status;
 

@@ -58,6 +58,7 @@ struct dvsm_safetensors {
 	struct dvsm_tensor *tensors;  /* [count], in file order */
 	struct dvsm_tensor **by_name; /* [count], sorted */
 	size_t count;
+	size_t data_at; /* byte of the source at which the tensors begin */
 };
 
 /**
@@ -102,6 +103,19 @@ enum dvsm_status dvsm_safetensors_require(const struct dvsm_safetensors *file, c
  */
 enum dvsm_status dvsm_safetensors_load(struct dvsm_safetensors *file, struct dvsm_sha256 *data_hash,
 				       char file_hex[DVSM_SHA256_HEX], struct dvsm_error *error);
+
+/** What dvsm_safetensors_read_part() reads; numbers[count], `first` counted from the part's own. */
+typedef void dvsm_tensor_part_fn(void *context, size_t first, const float *numbers, size_t count);
+
+/**
+ * Read numbers first .. first + count - 1 of a weight tensor once more, behind load.
+ *
+ * DVSM_IO  also when the file changed after it was opened: its hash would be another file's
+ */
+enum dvsm_status dvsm_safetensors_read_part(struct dvsm_safetensors *file,
+					    const struct dvsm_tensor *tensor, size_t first,
+					    size_t count, dvsm_tensor_part_fn *take, void *context,
+					    struct dvsm_error *error);
 
 /** One key of `__metadata__` to write. */
 struct dvsm_metadata_out {

@@ -49,37 +49,34 @@ enum dvsm_status dvsm_safetensors_require(const struct dvsm_safetensors *file, c
 /* Numbers expanded at a time on their way to a tensor's own place function. */
 #define EXPANDED_FLOATS 4096u
 
-static void place_expanded(const struct dvsm_tensor *tensor, size_t first, size_t count,
+/* Numbers as floats, int8 by the factor of its row. */
+static void expand(const struct dvsm_tensor *tensor, size_t first, size_t count,
+		   const void *numbers, float *out)
+{
+	const int8_t *bytes = numbers;
+	if (!tensor->row_scale) {
+		dvsm_dtype_expand(tensor->dtype, numbers, count, out);
+		return;
+	}
+	for (size_t i = 0; i < count; i++)
+		out[i] = bytes[i] * tensor->row_scale[(first + i) / (size_t)tensor->shape[1]];
+}
+
+static void place_expanded(struct dvsm_tensor *tensor, size_t first, size_t count,
 			   const unsigned char *numbers)
 {
 	float expanded[EXPANDED_FLOATS];
 	size_t bytes = dvsm_dtype_bytes(tensor->dtype);
 	while (count > 0) {
 		size_t step = count < EXPANDED_FLOATS ? count : EXPANDED_FLOATS;
-		dvsm_dtype_expand(tensor->dtype, numbers, step, expanded);
-		tensor->place(tensor, first, expanded, step);
-		numbers += step * bytes;
-		first += step;
-		count -= step;
-	}
-}
-
-/* The same for int8 with a factor a row. */
-static void place_scaled(struct dvsm_tensor *tensor, size_t first, size_t count,
-			 const int8_t *numbers)
-{
-	float expanded[EXPANDED_FLOATS];
-	const size_t width = (size_t)tensor->shape[1];
-	while (count > 0) {
-		size_t step = count < EXPANDED_FLOATS ? count : EXPANDED_FLOATS;
-		for (size_t i = 0; i < step; i++) {
-			float number = numbers[i] * tensor->row_scale[(first + i) / width];
-			float size = number < 0 ? -number : number;
-			expanded[i] = number;
+		expand(tensor, first, step, numbers, expanded);
+		for (size_t i = 0; tensor->row_scale && i < step; i++) {
+			float size = expanded[i] < 0 ? -expanded[i] : expanded[i];
 			tensor->largest = size > tensor->largest ? size : tensor->largest;
 		}
-		tensor->place(tensor, first, expanded, step);
-		numbers += step;
+		if (tensor->destination)
+			tensor->place(tensor, first, expanded, step);
+		numbers += step * bytes;
 		first += step;
 		count -= step;
 	}
@@ -99,13 +96,11 @@ static enum dvsm_status place(const struct dvsm_safetensors *file, struct dvsm_t
 		float largest = dvsm_dtype_find_largest(tensor->dtype, numbers, count);
 		tensor->largest = largest > tensor->largest ? largest : tensor->largest;
 	}
-	if (!tensor->destination)
+	if (!tensor->destination && !tensor->row_scale)
 		return DVSM_OK;
 
 	size_t bytes = dvsm_dtype_bytes(tensor->dtype);
-	if (tensor->row_scale)
-		place_scaled(tensor, first, count, numbers);
-	else if (dvsm_dtype_is_weight(tensor->dtype) && tensor->place)
+	if (tensor->row_scale || (dvsm_dtype_is_weight(tensor->dtype) && tensor->place))
 		place_expanded(tensor, first, count, numbers);
 	else if (dvsm_dtype_is_weight(tensor->dtype))
 		dvsm_dtype_expand(tensor->dtype, numbers, count,
@@ -154,5 +149,46 @@ enum dvsm_status dvsm_safetensors_load(struct dvsm_safetensors *file, struct dvs
 	if (status == DVSM_OK && file_hex)
 		dvsm_sha256_finish(&file->file_hash, file_hex);
 	free(chunk);
+	return status;
+}
+
+/* The numbers of a chunk, expanded, to whoever asked for them. */
+static void give(const struct dvsm_tensor *tensor, size_t from, size_t first, size_t count,
+		 const unsigned char *numbers, dvsm_tensor_part_fn *take, void *context)
+{
+	float expanded[EXPANDED_FLOATS];
+	const size_t bytes = dvsm_dtype_bytes(tensor->dtype);
+	while (count > 0) {
+		size_t step = count < EXPANDED_FLOATS ? count : EXPANDED_FLOATS;
+		expand(tensor, first, step, numbers, expanded);
+		take(context, first - from, expanded, step);
+		numbers += step * bytes;
+		first += step;
+		count -= step;
+	}
+}
+
+enum dvsm_status dvsm_safetensors_read_part(struct dvsm_safetensors *file,
+					    const struct dvsm_tensor *tensor, size_t first,
+					    size_t count, dvsm_tensor_part_fn *take, void *context,
+					    struct dvsm_error *error)
+{
+	const size_t bytes = dvsm_dtype_bytes(tensor->dtype), step = CHUNK_BYTES / bytes;
+	const char *name = dvsm_name_tail(file->source.name);
+	void *chunk = malloc(CHUNK_BYTES);
+	if (!chunk)
+		return dvsm_fail(error, DVSM_NO_MEM, "%s: no memory to read it", name);
+	enum dvsm_status status = dvsm_source_seek(
+		&file->source, file->data_at + tensor->begin + first * bytes, error);
+	for (size_t at = 0; at < count && status == DVSM_OK; at += step) {
+		size_t now = count - at < step ? count - at : step;
+		status = dvsm_source_read(&file->source, chunk, now * bytes, error);
+		if (status == DVSM_OK)
+			give(tensor, first, first + at, now, chunk, take, context);
+	}
+	free(chunk);
+	if (status == DVSM_OK && !dvsm_source_is_unchanged(&file->source))
+		return dvsm_fail(error, DVSM_IO, "%s: it changed while being read: open it again",
+				 name);
 	return status;
 }

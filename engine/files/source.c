@@ -26,7 +26,12 @@ enum dvsm_status dvsm_source_open(const char *path, struct dvsm_source *source,
 		close(fd);
 		return dvsm_fail(error, DVSM_IO, "%s: is not a regular file", dvsm_name_tail(path));
 	}
-	*source = (struct dvsm_source){.name = path, .fd = fd, .size = (size_t)status.st_size};
+	*source = (struct dvsm_source){
+		.name = path,
+		.fd = fd,
+		.size = (size_t)status.st_size,
+		.modified = status.st_mtim,
+	};
 	return DVSM_OK;
 }
 
@@ -78,4 +83,26 @@ enum dvsm_status dvsm_source_read(struct dvsm_source *source, void *out, size_t 
 		memcpy(out, source->bytes + source->position, size);
 	source->position += size;
 	return DVSM_OK;
+}
+
+enum dvsm_status dvsm_source_seek(struct dvsm_source *source, size_t position,
+				  struct dvsm_error *error)
+{
+	if (source->fd >= 0 && lseek(source->fd, (off_t)position, SEEK_SET) < 0)
+		return dvsm_fail(error, DVSM_IO, "%s: cannot be read at byte %zu: %s",
+				 dvsm_name_tail(source->name), position, strerror(errno));
+	source->position = position;
+	return DVSM_OK;
+}
+
+bool dvsm_source_is_unchanged(const struct dvsm_source *source)
+{
+	const struct timespec *modified = &source->modified;
+	struct stat status;
+
+	if (source->fd < 0)
+		return true;
+	return fstat(source->fd, &status) == 0 && (size_t)status.st_size == source->size &&
+	       status.st_mtim.tv_sec == modified->tv_sec &&
+	       status.st_mtim.tv_nsec == modified->tv_nsec;
 }

@@ -264,6 +264,10 @@ enum dvsm_status dvsm_model_quantise(const struct dvsm_model *model, const char 
 	if (model->config.prior_dim)
 		return dvsm_fail(error, DVSM_UNSUPPORTED,
 				 "a model with a prior is not quantised: use one without");
+	if (model->one_precision)
+		return dvsm_fail(error, DVSM_UNSUPPORTED,
+				 "the model was opened for one precision, which leaves nothing to "
+				 "quantise: open it for all");
 
 	const struct dvsm_model_config *config = &model->config;
 	size_t most = END_TENSORS + (size_t)config->layers * 2 * HALF_TENSORS;

@@ -9,6 +9,7 @@
 #include "fixed/turn.h"
 #include "forward/arena.h"
 #include "kernels/fixed_math.h"
+#include "model/reader.h"
 
 /* Fraction bits beyond which nothing is gained. */
 #define MAX_STREAM_FRACTION 20
@@ -34,6 +35,7 @@
  */
 struct build {
 	const struct dvsm_model *model;
+	struct dvsm_reader *reader;
 	struct dvsm_arena arena;
 	double *rows;                /* room for the largest matrix, turned */
 	int8_t *numbers;             /* the matrix at hand */
@@ -116,7 +118,11 @@ static struct dvsm_fixed_matrix take_matrix(struct build *build,
 	int16_t *shifts = dvsm_arena_take(&build->arena, out, sizeof(*shifts));
 
 	if (filling(build)) {
-		dvsm_fixed_turn_matrix(place, build->rows);
+		const struct dvsm_matrix matrix = dvsm_reader_read(build->reader, place->matrix);
+		struct dvsm_fixed_place read = *place;
+
+		read.matrix = &matrix;
+		dvsm_fixed_turn_matrix(&read, build->rows);
 		for (size_t j = 0; j < out; j++) {
 			int8_t *numbers = build->numbers + j * in;
 			struct dvsm_fixed_scale scale =
@@ -470,10 +476,10 @@ static bool take_scratch(struct build *build)
 	return build->rows && build->numbers && build->planes;
 }
 
-enum dvsm_status dvsm_fixed_model_create(const struct dvsm_model *model,
+enum dvsm_status dvsm_fixed_model_create(const struct dvsm_model *model, struct dvsm_reader *reader,
 					 struct dvsm_fixed_model **fixed, struct dvsm_error *error)
 {
-	struct build build = {.model = model};
+	struct build build = {.model = model, .reader = reader};
 	struct dvsm_fixed_model *made = calloc(1, sizeof(*made));
 	enum dvsm_status status = check(model, error);
 

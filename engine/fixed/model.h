@@ -57,14 +57,17 @@ struct dvsm_fixed_model {
 	void *memory;                      /* everything, one allocation; owned */
 };
 
+struct dvsm_reader;
+
 /**
  * Quantise a model. The result depends on its weights alone.
  *
+ * reader  of its matrices; the caller looks at its status
  * fixed   release with dvsm_fixed_model_destroy()
  *
  * DVSM_UNSUPPORTED  a prior, or a matrix too wide: more than 65,536 numbers a row
  */
-enum dvsm_status dvsm_fixed_model_create(const struct dvsm_model *model,
+enum dvsm_status dvsm_fixed_model_create(const struct dvsm_model *model, struct dvsm_reader *reader,
 					 struct dvsm_fixed_model **fixed, struct dvsm_error *error);
 void dvsm_fixed_model_destroy(struct dvsm_fixed_model *fixed);
 

@@ -14,13 +14,18 @@ static enum dvsm_status choose_path(struct dvsm_engine *engine,
 				    struct dvsm_error *error)
 {
 	uint32_t mask = options->cpu_mask ? options->cpu_mask : (uint32_t)DVSM_CPU_ALL;
+	struct dvsm_reader reader = {.status = DVSM_OK};
+	enum dvsm_status status = dvsm_weight_set_acquire(engine->model, options->precision,
+							  &reader, &engine->weights, error);
 
-	if (options->precision == DVSM_PRECISION_FIXED) {
+	if (status != DVSM_OK)
+		return status;
+	engine->fixed = engine->weights->fixed;
+	if (engine->fixed)
 		engine->fixed_kernels = dvsm_fixed_kernels_choose(mask);
-		return dvsm_fixed_model_create(engine->model, &engine->fixed, error);
-	}
-	engine->kernels = dvsm_kernels_choose(options->precision, mask);
-	return dvsm_engine_weights_init(engine->model, options->precision, &engine->weights, error);
+	else
+		engine->kernels = dvsm_kernels_choose(options->precision, mask);
+	return DVSM_OK;
 }
 
 enum dvsm_status dvsm_engine_create(const struct dvsm_model *model,
@@ -62,8 +67,8 @@ void dvsm_engine_destroy(struct dvsm_engine *engine)
 	if (!engine)
 		return;
 	dvsm_pool_destroy(engine->pool);
-	dvsm_engine_weights_deinit(&engine->weights);
-	dvsm_fixed_model_destroy(engine->fixed);
+	if (engine->weights)
+		dvsm_weight_set_release(engine->model, engine->precision);
 	free(engine->workspace);
 	free(engine);
 }
@@ -179,7 +184,7 @@ struct dvsm_run dvsm_engine_begin(const struct dvsm_engine *engine,
 
 	return (struct dvsm_run){
 		.model = engine->model,
-		.weights = &engine->weights.w,
+		.weights = &engine->weights->floats.w,
 		.kernels = engine->kernels,
 		.pool = engine->pool,
 		.trace = dvsm_trace_begin(engine->trace, size.tokens),

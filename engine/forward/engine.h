@@ -5,13 +5,13 @@
 #include "dvsm/engine.h"
 #include "fixed/run.h"
 #include "forward/steps.h"
-#include "forward/weights.h"
+#include "model/sets.h"
 
 struct dvsm_engine {
-	const struct dvsm_model *model; /* borrowed */
-	struct dvsm_engine_weights weights;
+	const struct dvsm_model *model;        /* borrowed */
+	const struct dvsm_weight_set *weights; /* shared with engines like this one; acquired */
 	const struct dvsm_kernels *kernels;
-	struct dvsm_fixed_model *fixed; /* NULL but in fixed; owned */
+	const struct dvsm_fixed_model *fixed; /* of the weights; NULL but in fixed */
 	struct dvsm_fixed_kernels fixed_kernels;
 	struct dvsm_pool *pool;
 	enum dvsm_precision precision;
@@ -46,11 +46,10 @@ struct dvsm_fixed_run dvsm_engine_begin_fixed(const struct dvsm_engine *engine,
 					      const struct dvsm_camera *cameras, uint32_t count,
 					      uint32_t patch_px);
 
-/** Of the model, and what the engine has of its own. */
+/** Of what the model keeps, and what engines of this precision share. */
 static inline size_t dvsm_engine_weight_bytes(const struct dvsm_engine *engine)
 {
-	return engine->model->weight_bytes + engine->weights.bytes +
-	       (engine->fixed ? engine->fixed->weight_bytes : 0);
+	return engine->model->weight_bytes + engine->weights->bytes;
 }
 
 /** CLOCK_MONOTONIC. */

@@ -6,60 +6,92 @@
 
 #include "base/error.h"
 #include "base/memory.h"
+#include "dvsm/engine.h"
 #include "fixed/turn.h"
 #include "forward/arena.h"
+#include "model/reader.h"
 
 /* The walk over all matrices: measures or places, as the arena says. */
 struct walk {
 	struct dvsm_arena arena;
 	const struct dvsm_model *model;
+	struct dvsm_reader *reader;
 	bool pairs;
-	double *rows; /* room for the largest matrix of a turned model, or NULL */
-	float *turned_back;
+	/* Room for the largest matrix of a turned model, or NULL. */
+	double *rows;
+	float *turned_back, *panels;
 };
 
-/* A turned matrix as float32 and bfloat16 want it, in panels of its own. */
+/* A turned matrix as float32 and bfloat16 want it. */
 static void turn_back(struct walk *walk, const struct dvsm_fixed_place *place,
-		      struct dvsm_matrix *matrix)
+		      const struct dvsm_matrix *matrix, float *panels)
 {
 	struct dvsm_fixed_place back = *place;
-	size_t floats = 0;
-
-	if (!dvsm_pack_size(matrix->out, matrix->in, &floats))
-		walk->arena.overflow = true;
-
-	float *panels = dvsm_arena_take(&walk->arena, floats, sizeof(*panels));
 
 	back.matrix = matrix;
 	back.gain = NULL;
 	back.turned = false;
-	if (panels) {
-		dvsm_fixed_turn_matrix(&back, walk->rows);
-		for (size_t i = 0; i < matrix->out * matrix->in; i++)
-			walk->turned_back[i] = (float)walk->rows[i];
-		dvsm_pack_panels(walk->turned_back, matrix->out, matrix->in, panels);
-	}
-	matrix->panels = panels;
+	dvsm_fixed_turn_matrix(&back, walk->rows);
+	for (size_t i = 0; i < matrix->out * matrix->in; i++)
+		walk->turned_back[i] = (float)walk->rows[i];
+	dvsm_pack_panels(walk->turned_back, matrix->out, matrix->in, panels);
 }
 
-/* Room for a matrix's pairs and, where there is memory, the pairs. */
-static void place_matrix(struct walk *walk, const struct dvsm_fixed_place *place,
-			 struct dvsm_matrix *matrix)
+/* Room for a matrix's pairs and, where there is memory, the pairs; nothing else is kept. */
+static void place_pairs(struct walk *walk, const struct dvsm_fixed_place *place,
+			struct dvsm_matrix *matrix)
 {
 	size_t numbers = 0;
 
-	if (place->turned)
-		turn_back(walk, place, matrix);
-	if (!walk->pairs)
-		return;
 	if (!dvsm_bf16_pack_size(matrix->out, matrix->in, &numbers))
 		walk->arena.overflow = true;
 
 	dvsm_bf16 *pairs = dvsm_arena_take(&walk->arena, numbers, sizeof(*pairs));
 
-	if (pairs)
-		dvsm_bf16_pack(matrix->panels, matrix->out, matrix->in, pairs);
+	if (pairs) {
+		struct dvsm_matrix read = dvsm_reader_read(walk->reader, matrix);
+
+		if (place->turned) {
+			turn_back(walk, place, &read, walk->panels);
+			read.panels = walk->panels;
+		}
+		dvsm_bf16_pack(read.panels, matrix->out, matrix->in, pairs);
+	}
 	matrix->pairs = pairs;
+	matrix->panels = NULL;
+}
+
+/* The same in float32, unless the model's own panels will do. */
+static void place_panels(struct walk *walk, const struct dvsm_fixed_place *place,
+			 struct dvsm_matrix *matrix)
+{
+	size_t floats = 0;
+
+	if (matrix->panels && !place->turned)
+		return;
+	if (!dvsm_pack_size(matrix->out, matrix->in, &floats))
+		walk->arena.overflow = true;
+
+	float *panels = dvsm_arena_take(&walk->arena, floats, sizeof(*panels));
+
+	if (panels) {
+		struct dvsm_matrix read = dvsm_reader_read(walk->reader, matrix);
+
+		if (place->turned)
+			turn_back(walk, place, &read, panels);
+		else
+			memcpy(panels, read.panels, floats * sizeof(*panels));
+	}
+	matrix->panels = panels;
+}
+
+static void place_matrix(struct walk *walk, const struct dvsm_fixed_place *place,
+			 struct dvsm_matrix *matrix)
+{
+	if (walk->pairs)
+		place_pairs(walk, place, matrix);
+	else
+		place_panels(walk, place, matrix);
 }
 
 static void place_half(struct walk *walk, struct dvsm_half_weights *half)
@@ -144,7 +176,7 @@ static bool place_all(struct walk *walk, struct dvsm_engine_weights *weights)
 }
 
 enum dvsm_status dvsm_engine_weights_init(const struct dvsm_model *model,
-					  enum dvsm_precision precision,
+					  enum dvsm_precision precision, struct dvsm_reader *reader,
 					  struct dvsm_engine_weights *weights,
 					  struct dvsm_error *error)
 {
@@ -152,7 +184,8 @@ enum dvsm_status dvsm_engine_weights_init(const struct dvsm_model *model,
 	const size_t colours = 3 * (size_t)config->patch_px * config->patch_px;
 	const size_t hidden = (size_t)config->dim * (config->mlp_ratio + 2);
 	const size_t most = (hidden > colours ? hidden : colours) * config->dim;
-	struct walk walk = {.model = model, .pairs = precision == DVSM_PRECISION_BF16};
+	struct walk walk = {
+		.model = model, .reader = reader, .pairs = precision == DVSM_PRECISION_BF16};
 	bool made = true;
 
 	memset(weights, 0, sizeof(*weights));
@@ -162,12 +195,15 @@ enum dvsm_status dvsm_engine_weights_init(const struct dvsm_model *model,
 	if (model->turned) {
 		walk.rows = malloc(most * sizeof(*walk.rows));
 		walk.turned_back = malloc(most * sizeof(*walk.turned_back));
-		made = walk.rows && walk.turned_back;
+		/* The last panel is filled up. */
+		walk.panels = malloc((most + DVSM_PANEL * hidden) * sizeof(*walk.panels));
+		made = walk.rows && walk.turned_back && walk.panels;
 	}
 	if (made && (model->turned || walk.pairs))
 		made = place_all(&walk, weights);
 	free(walk.rows);
 	free(walk.turned_back);
+	free(walk.panels);
 	if (made)
 		return DVSM_OK;
 	dvsm_engine_weights_deinit(weights);

@@ -17,9 +17,10 @@
  * pairs a tile of AMX.
  */
 struct dvsm_matrix {
-	const float *panels;
-	const dvsm_bf16 *pairs; /* NULL in a model: made by an engine that needs them */
+	const float *panels;    /* NULL where only another precision's weights are kept */
+	const dvsm_bf16 *pairs; /* NULL but in bf16's weights */
 	size_t out, in;
+	size_t tensor, first_row; /* of the model's file, for model/reader.h */
 };
 
 /** Floats that `rows` x `depth` weights take as panels; false when it does not fit. */

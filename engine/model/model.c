@@ -9,6 +9,8 @@
 #include "files/safetensors.h"
 #include "model/config.h"
 #include "model/range.h"
+#include "model/reader.h"
+#include "model/sets.h"
 
 /*
  * The walk over all tensors of a model. It runs twice over the same code: first without memory, to
@@ -18,6 +20,7 @@ struct walk {
 	const struct dvsm_safetensors *file;
 	struct dvsm_model *model;
 	struct dvsm_error *error;
+	bool panels;             /* matrices are kept; otherwise where they lie in the file */
 	enum dvsm_status status; /* of the first failure */
 	float *block;            /* NULL in the measuring walk */
 	size_t used_bytes;       /* of the block so far */
@@ -93,16 +96,26 @@ static void visit_vector(struct walk *walk, const char *name, uint32_t length,
 		*weights = tensor->destination = take(walk, tensor->count, true);
 }
 
-/* Room for a matrix whose numbers are yet to come. */
-static float *take_matrix(struct walk *walk, uint32_t rows, uint32_t columns,
-			  struct dvsm_matrix *matrix)
+/* Rows first .. first + rows - 1 of a tensor, whose numbers are yet to come: room for them. */
+static float *take_matrix(struct walk *walk, const struct dvsm_tensor *tensor, uint32_t first,
+			  uint32_t rows, struct dvsm_matrix *matrix)
 {
+	const size_t columns = (size_t)tensor->shape[1];
+	float *panels = NULL;
 	size_t floats = 0;
-	bool fits = dvsm_pack_size(rows, columns, &floats);
-	float *panels = take(walk, floats, fits);
+	if (walk->panels) {
+		bool fits = dvsm_pack_size(rows, columns, &floats);
+		panels = take(walk, floats, fits);
+	}
 	if (panels)
 		dvsm_pack_pad(rows, columns, panels);
-	*matrix = (struct dvsm_matrix){.panels = panels, .out = rows, .in = columns};
+	*matrix = (struct dvsm_matrix){
+		.panels = panels,
+		.out = rows,
+		.in = columns,
+		.tensor = (size_t)(tensor - walk->file->tensors),
+		.first_row = first,
+	};
 	return panels;
 }
 
@@ -118,7 +131,7 @@ static void visit_matrix(struct walk *walk, const char *name, uint32_t rows, uin
 	struct dvsm_tensor *tensor = require_matrix(walk, name, rows, columns);
 	if (!tensor)
 		return;
-	tensor->destination = take_matrix(walk, rows, columns, matrix);
+	tensor->destination = take_matrix(walk, tensor, 0, rows, matrix);
 	tensor->place = place_matrix;
 }
 
@@ -142,9 +155,9 @@ static void visit_qkv(struct walk *walk, const char *name, uint32_t dim,
 	struct dvsm_tensor *tensor = require_matrix(walk, name, 3 * dim, dim);
 	if (!tensor)
 		return;
-	tensor->destination = take_matrix(walk, dim, dim, &w->query);
+	tensor->destination = take_matrix(walk, tensor, 0, dim, &w->query);
 	tensor->place = place_qkv;
-	take_matrix(walk, 2 * dim, dim, &w->key_value);
+	take_matrix(walk, tensor, dim, 2 * dim, &w->key_value);
 }
 
 /* blocks.{index}.{half}{rest}.weight */
@@ -242,7 +255,10 @@ static enum dvsm_status place_weights(const struct dvsm_safetensors *file, struc
 	if (!model->weights.blocks)
 		return fail_memory(file, 0, error);
 
-	struct walk measure = {.file = file, .model = model, .error = error};
+	/* Where engines turn or round every matrix, none is kept as it lies in the file. */
+	const bool panels =
+		!model->one_precision || (model->precision == DVSM_PRECISION_F32 && !model->turned);
+	struct walk measure = {.file = file, .model = model, .error = error, .panels = panels};
 	visit_all(&measure);
 	if (measure.status != DVSM_OK)
 		return measure.status;
@@ -252,7 +268,10 @@ static enum dvsm_status place_weights(const struct dvsm_safetensors *file, struc
 	model->block = dvsm_aligned_alloc(measure.used_bytes);
 	if (!model->block)
 		return fail_memory(file, measure.used_bytes, error);
-	struct walk place = {.file = file, .model = model, .error = error, .block = model->block};
+	struct walk place = measure;
+	place.block = model->block;
+	place.used_bytes = 0;
+	place.count = 0;
 	visit_all(&place);
 	model->weight_bytes = place.used_bytes;
 	model->weight_count = place.count;
@@ -327,13 +346,38 @@ static enum dvsm_status read_model(struct dvsm_safetensors *file, struct dvsm_mo
 	return status;
 }
 
-/* Reads and closes `file`. */
-static enum dvsm_status open_model(struct dvsm_safetensors *file, struct dvsm_model **model,
-				   struct dvsm_error *error)
+/* What engines of the model's one precision read, which the model has from now on. */
+static enum dvsm_status make_set(struct dvsm_safetensors *file, const struct dvsm_model *model,
+				 struct dvsm_error *error)
+{
+	const struct dvsm_weight_set *set;
+	struct dvsm_reader reader = {.status = DVSM_OK};
+	enum dvsm_status status = DVSM_OK;
+	if (!model->weights.patch_ray.panels)
+		status = dvsm_reader_init(&reader, model, file, error);
+	if (status == DVSM_OK)
+		status = dvsm_weight_set_acquire(model, model->precision, &reader, &set, error);
+	dvsm_reader_deinit(&reader);
+	return status;
+}
+
+/* Reads and closes `file`. only: NULL, or the one precision. */
+static enum dvsm_status open_model(struct dvsm_safetensors *file, const enum dvsm_precision *only,
+				   struct dvsm_model **model, struct dvsm_error *error)
 {
 	struct dvsm_model *opened = calloc(1, sizeof(*opened));
-	enum dvsm_status status =
-		opened ? read_model(file, opened, error) : fail_memory(file, 0, error);
+	enum dvsm_status status = DVSM_OK;
+	if (opened) {
+		opened->one_precision = only != NULL;
+		opened->precision = only ? *only : DVSM_PRECISION_F32;
+		opened->sets = dvsm_weight_sets_create();
+	}
+	if (!opened || !opened->sets)
+		status = fail_memory(file, 0, error);
+	if (status == DVSM_OK)
+		status = read_model(file, opened, error);
+	if (status == DVSM_OK && only)
+		status = make_set(file, opened, error);
 	dvsm_safetensors_close(file);
 	if (status == DVSM_OK)
 		*model = opened;
@@ -342,28 +386,66 @@ static enum dvsm_status open_model(struct dvsm_safetensors *file, struct dvsm_mo
 	return status;
 }
 
-enum dvsm_status dvsm_model_open(const char *path, struct dvsm_model **model,
-				 struct dvsm_error *error)
+static enum dvsm_status open_path(const char *path, const enum dvsm_precision *only,
+				  struct dvsm_model **model, struct dvsm_error *error)
 {
 	struct dvsm_safetensors file;
 	if (!path || !model)
 		return dvsm_fail(error, DVSM_BAD_ARG, "no model file was named");
 	enum dvsm_status status = dvsm_safetensors_open(path, &file, error);
-	return status == DVSM_OK ? open_model(&file, model, error) : status;
+	return status == DVSM_OK ? open_model(&file, only, model, error) : status;
+}
+
+static enum dvsm_status check_precision(enum dvsm_precision precision, struct dvsm_error *error)
+{
+	if ((uint32_t)precision > DVSM_PRECISION_FIXED)
+		return dvsm_fail(error, DVSM_UNSUPPORTED,
+				 "model: precision %d is none of f32, bf16 and fixed",
+				 (int)precision);
+	return DVSM_OK;
+}
+
+enum dvsm_status dvsm_model_open(const char *path, struct dvsm_model **model,
+				 struct dvsm_error *error)
+{
+	return open_path(path, NULL, model, error);
+}
+
+enum dvsm_status dvsm_model_open_for(const char *path, enum dvsm_precision precision,
+				     struct dvsm_model **model, struct dvsm_error *error)
+{
+	enum dvsm_status status = check_precision(precision, error);
+	return status == DVSM_OK ? open_path(path, &precision, model, error) : status;
+}
+
+static enum dvsm_status open_bytes(const void *bytes, size_t size, const char *name,
+				   const enum dvsm_precision *only, struct dvsm_model **model,
+				   struct dvsm_error *error)
+{
+	struct dvsm_safetensors file;
+	enum dvsm_status status = dvsm_safetensors_open_bytes(bytes, size, name, &file, error);
+	return status == DVSM_OK ? open_model(&file, only, model, error) : status;
 }
 
 enum dvsm_status dvsm_model_open_bytes(const void *bytes, size_t size, const char *name,
 				       struct dvsm_model **model, struct dvsm_error *error)
 {
-	struct dvsm_safetensors file;
-	enum dvsm_status status = dvsm_safetensors_open_bytes(bytes, size, name, &file, error);
-	return status == DVSM_OK ? open_model(&file, model, error) : status;
+	return open_bytes(bytes, size, name, NULL, model, error);
+}
+
+enum dvsm_status dvsm_model_open_bytes_for(const void *bytes, size_t size, const char *name,
+					   enum dvsm_precision precision, struct dvsm_model **model,
+					   struct dvsm_error *error)
+{
+	enum dvsm_status status = check_precision(precision, error);
+	return status == DVSM_OK ? open_bytes(bytes, size, name, &precision, model, error) : status;
 }
 
 void dvsm_model_close(struct dvsm_model *model)
 {
 	if (!model)
 		return;
+	dvsm_weight_sets_destroy(model->sets);
 	free(model->weights.blocks);
 	free(model->block);
 	free(model);
@@ -381,7 +463,7 @@ const char *dvsm_model_get_sha256(const struct dvsm_model *model)
 
 size_t dvsm_model_get_weight_bytes(const struct dvsm_model *model)
 {
-	return model->weight_bytes;
+	return model->weight_bytes + dvsm_weight_sets_bytes(model);
 }
 
 uint64_t dvsm_model_get_weight_count(const struct dvsm_model *model)

@@ -1,6 +1,7 @@
 /*
- * A model in memory: configuration and float32 weights (MODEL.md section 6). Matrices are packed
- * while the file is read and kept in that form alone; engines borrow them. Private to the engine.
+ * A model in memory: configuration and weights (MODEL.md section 6). Vectors are float32. Matrices
+ * are panels of float32, packed while the file is read, or, in a model that was opened for another
+ * precision, in its weight set alone. Private to the engine.
  */
 #ifndef DVSM_MODEL_MODEL_H
 #define DVSM_MODEL_MODEL_H
@@ -43,6 +44,8 @@ struct dvsm_weights {
 	struct dvsm_block_weights *blocks; /* [layers] */
 };
 
+struct dvsm_weight_sets;
+
 struct dvsm_model {
 	struct dvsm_model_config config;
 	char sha256[65];        /* of the file's bytes, lower-case hex */
@@ -50,8 +53,11 @@ struct dvsm_model {
 	bool turned;            /* weights are those of precision fixed: dvsm_model_quantise() */
 	struct dvsm_weights weights;
 	uint64_t weight_count;
-	size_t weight_bytes; /* of `block` */
-	float *block;        /* all tensors, one allocation; owned */
+	size_t weight_bytes;           /* of `block` */
+	float *block;                  /* tensors, one allocation; owned */
+	bool one_precision;            /* opened for `precision`: it has that set, no other */
+	enum dvsm_precision precision; /* undefined otherwise */
+	struct dvsm_weight_sets *sets; /* what engines read, made as they need it; owned */
 };
 
 /**
@@ -60,5 +66,10 @@ struct dvsm_model {
  */
 enum dvsm_status dvsm_model_open_bytes(const void *bytes, size_t size, const char *name,
 				       struct dvsm_model **model, struct dvsm_error *error);
+
+/** The same as dvsm_model_open_for(). */
+enum dvsm_status dvsm_model_open_bytes_for(const void *bytes, size_t size, const char *name,
+					   enum dvsm_precision precision, struct dvsm_model **model,
+					   struct dvsm_error *error);
 
 #endif

@@ -57,6 +57,14 @@ static void try_model(const uint8_t *data, size_t size)
 	for (size_t i = 0; i < count; i++)
 		require(isfinite(last->panels[i]), "a weight that is not finite");
 	dvsm_model_close(model);
+	for (int p = DVSM_PRECISION_F32; p <= DVSM_PRECISION_FIXED; p++) {
+		status = dvsm_model_open_bytes_for(data, size, "input", (enum dvsm_precision)p,
+						   &model, &error);
+		require(status == DVSM_OK || status == DVSM_UNSUPPORTED || status == DVSM_NO_MEM,
+			"a model that opens for all precisions, and not for one");
+		if (status == DVSM_OK)
+			dvsm_model_close(model);
+	}
 }
 
 static void try_scene(const uint8_t *data, size_t size)

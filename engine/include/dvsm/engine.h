@@ -44,19 +44,12 @@ DVSM_API uint32_t dvsm_cpu_detect(void);
  */
 DVSM_API const char *dvsm_cpu_name(uint32_t mask);
 
-/** How the engine computes. A scene is rendered in the precision it was reconstructed in. */
-enum dvsm_precision {
-	DVSM_PRECISION_F32 = 0, /* float32 throughout */
-	DVSM_PRECISION_BF16,    /* bfloat16 products, float32 sums */
-	DVSM_PRECISION_FIXED,   /* integers alone: the same bits on every machine */
-};
-
 /** "f32", "bf16", "fixed". */
 DVSM_API const char *dvsm_precision_name(enum dvsm_precision precision);
 
 /**
- * Opaque. One engine runs one call at a time (thread-bound); several engines may share a model and
- * with it the one copy of its weights.
+ * Opaque. One engine runs one call at a time (thread-bound); several engines may share a model, and
+ * those of one precision share one copy of its weights.
  */
 struct dvsm_engine;
 
@@ -72,7 +65,7 @@ struct dvsm_engine_options {
 
 /** Bytes planned before a run; what is planned is what is used. */
 struct dvsm_memory {
-	size_t weights_bytes; /* the model's: engines that share it share them */
+	size_t weights_bytes; /* what the model keeps, and the set that engines of its kind share */
 	size_t cache_bytes;
 	size_t workspace_bytes; /* the larger of the two stages */
 };
@@ -96,8 +89,9 @@ typedef bool dvsm_progress_fn(void *context, double done);
  * Create an engine with its thread pool. The model is borrowed and must outlive the engine.
  * Results do not depend on the number of threads.
  *
- * DVSM_UNSUPPORTED  this build does not have the precision; in fixed, weights so uneven that tokens
- *                   would vanish beside what the blocks may add to them
+ * DVSM_UNSUPPORTED  this build does not have the precision, or the model was opened for another; in
+ *                   fixed, weights so uneven that tokens would vanish beside what the blocks may
+ *                   add to them
  */
 DVSM_API enum dvsm_status dvsm_engine_create(const struct dvsm_model *model,
 					     const struct dvsm_engine_options *options,

@@ -12,8 +12,23 @@
 extern "C" {
 #endif
 
-/** Opaque; immutable once open, may be shared by threads and engines. */
+/**
+ * Opaque; may be shared by threads and engines.
+ *
+ * Who owns what: engines read their weights in the form of their precision, a set that belongs to
+ * the model and is the same for all of its engines of that precision. The first of them has it
+ * made; it goes when the last of them is destroyed. A model of dvsm_model_open() also keeps its
+ * matrices in float32, from which it makes sets (f32 itself needs no more). A model of
+ * dvsm_model_open_for() has one set from the beginning to the end and no other form of a matrix.
+ */
 struct dvsm_model;
+
+/** How an engine computes. A scene is rendered in the precision it was reconstructed in. */
+enum dvsm_precision {
+	DVSM_PRECISION_F32 = 0, /* float32 throughout */
+	DVSM_PRECISION_BF16,    /* bfloat16 products, float32 sums */
+	DVSM_PRECISION_FIXED,   /* integers alone: the same bits on every machine */
+};
 
 /** What the file's `config` states; all values checked at open. */
 struct dvsm_model_config {
@@ -40,6 +55,17 @@ struct dvsm_model_config {
 DVSM_API enum dvsm_status dvsm_model_open(const char *path, struct dvsm_model **model,
 					  struct dvsm_error *error);
 
+/**
+ * Open a model for engines of one precision: its weights are converted as they are read, and no
+ * other form of them is ever in memory. The file is read twice where they are (not in f32, unless
+ * the file is quantised). Otherwise as dvsm_model_open().
+ *
+ * DVSM_IO           also a file that was written to meanwhile
+ * DVSM_UNSUPPORTED  a model that the precision does not take: dvsm_engine_create() says which
+ */
+DVSM_API enum dvsm_status dvsm_model_open_for(const char *path, enum dvsm_precision precision,
+					      struct dvsm_model **model, struct dvsm_error *error);
+
 /** Release a model; NULL is fine. No engine or scene may use it afterwards. */
 DVSM_API void dvsm_model_close(struct dvsm_model *model);
 
@@ -49,7 +75,7 @@ DVSM_API const struct dvsm_model_config *dvsm_model_get_config(const struct dvsm
 /** SHA-256 of the file's bytes as 64 lower-case hex digits, owned by the model. */
 DVSM_API const char *dvsm_model_get_sha256(const struct dvsm_model *model);
 
-/** Bytes of packed weights in memory: all of them, whatever number of engines reads them. */
+/** Bytes of weights in memory now, in all forms, whatever number of engines reads them. */
 DVSM_API size_t dvsm_model_get_weight_bytes(const struct dvsm_model *model);
 
 /**
@@ -66,7 +92,7 @@ typedef void dvsm_quantise_report_fn(void *context, const char *tensor, double a
  *
  * report   NULL, or called for every matrix
  *
- * DVSM_UNSUPPORTED  a model with a prior
+ * DVSM_UNSUPPORTED  a model with a prior, or one that was opened for one precision
  * DVSM_IO           the system refused to write
  */
 DVSM_API enum dvsm_status dvsm_model_quantise(const struct dvsm_model *model, const char *path,

@@ -28,8 +28,7 @@ static void reconstruct(void *context)
 	dvsm_scene_destroy(self->scene);
 	self->scene = NULL;
 	must(dvsm_reconstruct(self->engine, self->work.context, self->work.views.context_count,
-			      dvsm_model_get_config(self->work.model)->patch_px, NULL, NULL,
-			      &self->scene, NULL, &error),
+			      self->work.config.patch_px, NULL, NULL, &self->scene, NULL, &error),
 	     &error);
 }
 
@@ -38,9 +37,8 @@ static void render(void *context)
 	struct contender *self = context;
 	struct dvsm_error error = {0};
 
-	must(dvsm_render(self->engine, self->scene, &self->target,
-			 dvsm_model_get_config(self->work.model)->patch_px, self->rgb, NULL,
-			 &error),
+	must(dvsm_render(self->engine, self->scene, &self->target, self->work.config.patch_px,
+			 self->rgb, NULL, &error),
 	     &error);
 }
 
@@ -60,13 +58,12 @@ int main(int argc, char **argv)
 
 	if (argc != 5)
 		talk_fail("usage: contend_engine MODEL SCENE PRECISION THREADS");
-	if (dio_work_open(dio_draw_find("small"), argv[1], argv[2], 0, &self.work, &fault) !=
-	    DIO_OK)
+	if (dio_work_open(dio_draw_find("small"), argv[1], find_precision(argv[3]), argv[2], 0,
+			  &self.work, &fault) != DIO_OK)
 		talk_fail(fault.text);
 
-	const struct dvsm_engine_options options = {.precision = find_precision(argv[3]),
-						    .threads =
-							    (uint32_t)strtoul(argv[4], NULL, 10)};
+	const struct dvsm_engine_options options = {
+		.precision = self.work.precision, .threads = (uint32_t)strtoul(argv[4], NULL, 10)};
 	const struct dio_view *target = &self.work.views.target[0];
 	const size_t count = (size_t)target->camera.width * target->camera.height * 3;
 	const struct talk talk = {&self, reconstruct, render,
