@@ -26,6 +26,41 @@ static size_t tile_length(size_t count, size_t size, size_t index)
 	return left < size ? left : size;
 }
 
+/*
+ * A job is cut into tiles of rows, and these into pieces: columns of a product, heads. Tasks come
+ * in the order of parts, of as many tiles each as there are threads to share them: so a thread
+ * finds in its cache the rows that it wrote in the job before. Within a part the tiles pass by each
+ * piece, whose weights or keys stay in the cache meanwhile.
+ */
+struct cut {
+	size_t row_tiles, pieces, parts;
+};
+
+static struct cut cut_rows(const struct dvsm_fixed_run *run, size_t rows, size_t pieces)
+{
+	const size_t row_tiles = tiles(rows, TASK_ROWS), threads = dvsm_pool_get_threads(run->pool);
+
+	return (struct cut){row_tiles, pieces, row_tiles < threads ? row_tiles : threads};
+}
+
+static size_t count_tasks(const struct cut *cut)
+{
+	return cut->row_tiles * cut->pieces;
+}
+
+/* The tile of rows and the piece of a task. */
+static void find_task(const struct cut *cut, size_t index, size_t *row_tile, size_t *piece)
+{
+	const size_t share = cut->row_tiles / cut->parts, rest = cut->row_tiles % cut->parts;
+	const size_t larger = rest * (share + 1) * cut->pieces; /* tasks of parts with one more */
+	const size_t size = index < larger ? share + 1 : share;
+	const size_t at = index < larger ? index : index - larger;
+	const size_t part = at / (size * cut->pieces), within = at % (size * cut->pieces);
+
+	*row_tile = (index < larger ? 0 : rest * (share + 1)) + part * size + within % size;
+	*piece = within / size;
+}
+
 /* ---- norms and quantisation of some rows ---- */
 
 static void norm_rows(const struct dvsm_fixed_run *run, const int32_t *x,
@@ -215,18 +250,22 @@ void dvsm_fixed_step_norm_planes(const struct dvsm_fixed_run *run, const int32_t
 struct product_job {
 	const struct dvsm_fixed_run *run;
 	const struct dvsm_fixed_product *products;
-	size_t rows, row_tiles;
-	size_t first_tasks; /* of the first product */
+	size_t rows;
+	size_t first_cols; /* tiles of columns of the first product */
+	struct cut cut;
 };
 
 static void product_task(void *context, size_t index, uint32_t worker)
 {
 	const struct product_job *job = context;
-	const bool second = index >= job->first_tasks;
+	size_t row_tile, piece;
+
+	find_task(&job->cut, index, &row_tile, &piece);
+
+	const bool second = piece >= job->first_cols;
 	const struct dvsm_fixed_product *product = &job->products[second];
 	const struct dvsm_fixed_matrix *w = product->w;
-	const size_t at = second ? index - job->first_tasks : index;
-	const size_t row_tile = at % job->row_tiles, col_tile = at / job->row_tiles;
+	const size_t col_tile = second ? piece - job->first_cols : piece;
 	const size_t row = row_tile * TASK_ROWS, col = col_tile * TASK_COLS;
 	const size_t number =
 		product->epilogue == DVSM_FIXED_ADD ? sizeof(int32_t) : sizeof(int16_t);
@@ -257,16 +296,14 @@ void dvsm_fixed_step_products(const struct dvsm_fixed_run *run, size_t rows,
 	struct product_job job = {.run = run,
 				  .products = products,
 				  .rows = rows,
-				  .row_tiles = tiles(rows, TASK_ROWS)};
-	const size_t col_tiles = tiles(products[0].w->out, TASK_COLS);
-	size_t tasks;
+				  .first_cols = tiles(products[0].w->out, TASK_COLS)};
+	size_t cols = job.first_cols;
 
-	job.first_tasks = job.row_tiles * col_tiles;
-	tasks = job.first_tasks;
 	if (count > 1)
-		tasks += job.row_tiles * tiles(products[1].w->out, TASK_COLS);
-	expect(run, &products[0].then, job.row_tiles, col_tiles);
-	dvsm_pool_run(run->pool, tasks, product_task, &job);
+		cols += tiles(products[1].w->out, TASK_COLS);
+	job.cut = cut_rows(run, rows, cols);
+	expect(run, &products[0].then, job.cut.row_tiles, job.first_cols);
+	dvsm_pool_run(run->pool, count_tasks(&job.cut), product_task, &job);
 }
 
 /* ---- keys and values ---- */
@@ -345,7 +382,8 @@ struct attention_job {
 	const struct dvsm_fixed_run *run;
 	const struct dvsm_fixed_half *half;
 	const int16_t *u;
-	size_t rows, row_tiles;
+	size_t rows;
+	struct cut cut;
 	const struct dvsm_fixed_layer *layer;
 	struct dvsm_fixed_then then;
 };
@@ -384,7 +422,10 @@ static void attention_task(void *context, size_t index, uint32_t worker)
 	const struct attention_job *job = context;
 	const struct dvsm_model_config *config = job->run->config;
 	const struct dvsm_fixed_layer *layer = job->layer;
-	const size_t row_tile = index % job->row_tiles, head = index / job->row_tiles;
+	size_t row_tile, head;
+
+	find_task(&job->cut, index, &row_tile, &head);
+
 	const size_t row = row_tile * TASK_ROWS, dim = config->dim / config->heads;
 	const size_t head_bytes = dvsm_fixed_head_bytes(layer->padded, config->dim, config->heads);
 	struct dvsm_fixed_attention attention = {
@@ -411,8 +452,9 @@ void dvsm_fixed_step_attention(const struct dvsm_fixed_run *run, const struct dv
 			       const int16_t *u, size_t rows, const struct dvsm_fixed_layer *layer,
 			       struct dvsm_fixed_then then)
 {
-	struct attention_job job = {run, half, u, rows, tiles(rows, TASK_ROWS), layer, then};
+	struct attention_job job = {run,   half, u, rows, cut_rows(run, rows, run->config->heads),
+				    layer, then};
 
-	expect(run, &then, job.row_tiles, run->config->heads);
-	dvsm_pool_run(run->pool, run->config->heads * job.row_tiles, attention_task, &job);
+	expect(run, &then, job.cut.row_tiles, run->config->heads);
+	dvsm_pool_run(run->pool, count_tasks(&job.cut), attention_task, &job);
 }
