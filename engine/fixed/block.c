@@ -85,9 +85,9 @@ static void run_mlp(const struct dvsm_fixed_run *run, const struct dvsm_fixed_ha
 				  run->model->fraction);
 }
 
-/* x += Wo attention(queries in work.wide, layer); then the MLP. */
+/* x += Wo attention(queries in work.wide, layers); then the MLP. */
 static void attend_and_mix(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
-			   int32_t *x, size_t tokens, const struct dvsm_fixed_layer *layer,
+			   int32_t *x, size_t tokens, const struct dvsm_fixed_layers *layers,
 			   struct dvsm_fixed_then next)
 {
 	const struct dvsm_fixed_workspace *work = &run->work;
@@ -106,7 +106,7 @@ static void attend_and_mix(const struct dvsm_fixed_run *run, const struct dvsm_f
 		.then = norm_then(x, &half->mlp_norm, &half->up),
 	};
 
-	dvsm_fixed_step_attention(run, half, work->wide, tokens, layer, quantise);
+	dvsm_fixed_step_attention(run, half, work->wide, tokens, layers, quantise);
 	if (run->trace)
 		dvsm_trace_narrow(run->trace, index_of(run, half), DVSM_TRACE_ATTENTION,
 				  token_of(run, x), work->mixed, tokens, run->config->dim,
@@ -115,44 +115,65 @@ static void attend_and_mix(const struct dvsm_fixed_run *run, const struct dvsm_f
 	run_mlp(run, half, x, tokens, next);
 }
 
-void dvsm_fixed_block_intra(const struct dvsm_fixed_run *run, uint32_t layer, int32_t *x,
-			    size_t tokens, int16_t *kv, const struct dvsm_fixed_matrix *input)
+static int16_t *group_kv(const struct dvsm_fixed_run *run, const struct dvsm_group *group)
+{
+	return run->work.kv + group->first_token[0] * 2 * run->config->dim;
+}
+
+static void trace_own_keys(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
+			   const struct dvsm_group *group)
+{
+	const size_t stride = 2 * (size_t)run->config->dim;
+
+	for (uint32_t v = 0; run->trace && v < group->views; v++) {
+		size_t first = group->first_token[v];
+
+		dvsm_trace_packed(run->trace, index_of(run, half), first,
+				  run->work.kv + first * stride, group->first_token[v + 1] - first,
+				  run->work.channels + v * stride, half->value_fraction);
+	}
+}
+
+void dvsm_fixed_block_intra(const struct dvsm_fixed_run *run, uint32_t layer,
+			    const struct dvsm_group *group, const struct dvsm_fixed_matrix *input)
 {
 	const struct dvsm_fixed_block *block = &run->model->blocks[layer];
 	const struct dvsm_fixed_half *half = &block->intra;
+	const size_t tokens = dvsm_fixed_group_rows(group);
+	const struct dvsm_fixed_layers own = {.group = group};
+	int32_t *x = dvsm_fixed_group_x(run, group);
+	int16_t *kv = group_kv(run, group);
 	const struct dvsm_fixed_product products[2] = {key_product(run, half, kv),
 						       query_product(run, half)};
-	struct dvsm_fixed_layer own = run->work.own;
 
-	own.tokens = tokens;
-	own.padded = dvsm_fixed_pad(tokens, DVSM_FIXED_KEY_PAD);
 	dvsm_fixed_step_products(run, tokens, products, 2);
 	dvsm_fixed_step_pack(run, half, kv, &own);
-	if (run->trace)
-		dvsm_trace_packed(run->trace, index_of(run, half), token_of(run, x), kv, tokens,
-				  run->work.channels, half->value_fraction);
+	trace_own_keys(run, half, group);
 	attend_and_mix(run, half, x, tokens, &own, norm_then(x, &block->cross.norm, input));
 }
 
-void dvsm_fixed_block_cross_keys(const struct dvsm_fixed_run *run, uint32_t layer, size_t tokens,
-				 int16_t *kv)
+void dvsm_fixed_block_cross_keys(const struct dvsm_fixed_run *run, uint32_t layer,
+				 const struct dvsm_group *group)
 {
 	const struct dvsm_fixed_product product =
-		key_product(run, &run->model->blocks[layer].cross, kv);
+		key_product(run, &run->model->blocks[layer].cross, group_kv(run, group));
 
-	dvsm_fixed_step_products(run, tokens, &product, 1);
+	dvsm_fixed_step_products(run, dvsm_fixed_group_rows(group), &product, 1);
 }
 
-void dvsm_fixed_block_cross(const struct dvsm_fixed_run *run, uint32_t layer, int32_t *x,
-			    size_t tokens, const struct dvsm_fixed_layer *cache,
+void dvsm_fixed_block_cross(const struct dvsm_fixed_run *run, uint32_t layer,
+			    const struct dvsm_group *group, const struct dvsm_fixed_layer *cache,
 			    const struct dvsm_fixed_half *next)
 {
 	const struct dvsm_fixed_half *half = &run->model->blocks[layer].cross;
 	const struct dvsm_fixed_product product = query_product(run, half);
+	const struct dvsm_fixed_layers all = {.one = *cache};
+	const size_t tokens = dvsm_fixed_group_rows(group);
+	int32_t *x = dvsm_fixed_group_x(run, group);
 	struct dvsm_fixed_then then = {.what = DVSM_FIXED_NOTHING};
 
 	if (next)
 		then = norm_then(x, &next->norm, &next->key_value);
 	dvsm_fixed_step_products(run, tokens, &product, 1);
-	attend_and_mix(run, half, x, tokens, cache, then);
+	attend_and_mix(run, half, x, tokens, &all, then);
 }

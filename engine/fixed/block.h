@@ -5,28 +5,40 @@
 #include "fixed/run.h"
 
 /**
- * Attention within one view, and the MLP behind it. work.a holds the norm of x before attention,
- * and afterwards that of the cross half.
+ * Attention within each view of a group, and the MLP behind it. work.a holds the norm of the
+ * group's rows of work.x before attention, and afterwards that of the cross half.
  *
- * x      [tokens][D] the view's residual stream
- * kv     [tokens][2D], written over
- * input  matrix of the cross half that work.a is to fit afterwards
+ * work.kv  the views' rows are written over
+ * input    matrix of the cross half that work.a is to fit afterwards
  */
-void dvsm_fixed_block_intra(const struct dvsm_fixed_run *run, uint32_t layer, int32_t *x,
-			    size_t tokens, int16_t *kv, const struct dvsm_fixed_matrix *input);
+void dvsm_fixed_block_intra(const struct dvsm_fixed_run *run, uint32_t layer,
+			    const struct dvsm_group *group, const struct dvsm_fixed_matrix *input);
 
-/** Cross-view keys and values of the view whose norm work.a holds, normalised and in 16 bits, to
- * kv[tokens][2D]. */
-void dvsm_fixed_block_cross_keys(const struct dvsm_fixed_run *run, uint32_t layer, size_t tokens,
-				 int16_t *kv);
+/** Cross-view keys and values of the group whose norm work.a holds, normalised and in 16 bits, to
+ * the views' rows of work.kv. */
+void dvsm_fixed_block_cross_keys(const struct dvsm_fixed_run *run, uint32_t layer,
+				 const struct dvsm_group *group);
 
 /**
- * Attention to a layer of context tokens, and the MLP behind it. work.a holds the norm of x.
+ * Attention to a layer of context tokens, and the MLP behind it. work.a holds the norm of the
+ * group's rows of work.x.
  *
- * next   what work.a is to hold the norm of x for afterwards, or NULL
+ * next   what work.a is to hold the norm for afterwards, or NULL
  */
-void dvsm_fixed_block_cross(const struct dvsm_fixed_run *run, uint32_t layer, int32_t *x,
-			    size_t tokens, const struct dvsm_fixed_layer *cache,
+void dvsm_fixed_block_cross(const struct dvsm_fixed_run *run, uint32_t layer,
+			    const struct dvsm_group *group, const struct dvsm_fixed_layer *cache,
 			    const struct dvsm_fixed_half *next);
+
+/** The group's rows of the residual stream, and how many. */
+static inline int32_t *dvsm_fixed_group_x(const struct dvsm_fixed_run *run,
+					  const struct dvsm_group *group)
+{
+	return run->work.x + group->first_token[0] * run->config->dim;
+}
+
+static inline size_t dvsm_fixed_group_rows(const struct dvsm_group *group)
+{
+	return group->first_token[group->views] - group->first_token[0];
+}
 
 #endif

@@ -20,11 +20,15 @@ static struct dvsm_fixed_scale gain_of(struct dvsm_fixed_scale weight,
 				     weight.exponent + scale.exponent);
 }
 
-void dvsm_fixed_layer_place(struct dvsm_arena *arena, size_t dim, struct dvsm_fixed_layer *layer)
+struct dvsm_fixed_layer_scales dvsm_fixed_layer_scales_place(struct dvsm_arena *arena,
+							     size_t layers, size_t dim)
 {
-	layer->k_scale = dvsm_arena_take(arena, dim, sizeof(*layer->k_scale));
-	layer->v_scale = dvsm_arena_take(arena, dim, sizeof(*layer->v_scale));
-	layer->v_mean = dvsm_arena_take(arena, dim, sizeof(*layer->v_mean));
+	struct dvsm_fixed_layer_scales scales;
+
+	scales.k_scale = dvsm_arena_take(arena, layers, dim * sizeof(*scales.k_scale));
+	scales.v_scale = dvsm_arena_take(arena, layers, dim * sizeof(*scales.v_scale));
+	scales.v_mean = dvsm_arena_take(arena, layers, dim * sizeof(*scales.v_mean));
+	return scales;
 }
 
 /* a / b of two scales as a fraction of 2^15, at most 1; 1 where b is 0. */

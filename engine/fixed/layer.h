@@ -27,8 +27,15 @@ static inline size_t dvsm_fixed_head_bytes(size_t padded, size_t dim, size_t hea
 	return padded * dvsm_fixed_pad(dim / heads, DVSM_FIXED_HEAD);
 }
 
-/** Place (or measure) a layer's small arrays; keys and values are the caller's. */
-void dvsm_fixed_layer_place(struct dvsm_arena *arena, size_t dim, struct dvsm_fixed_layer *layer);
+/** The small arrays of some layers, one behind the other. */
+struct dvsm_fixed_layer_scales {
+	struct dvsm_fixed_scale *k_scale, *v_scale;
+	int16_t *v_mean;
+};
+
+/** Place (or measure) those of `layers` layers. */
+struct dvsm_fixed_layer_scales dvsm_fixed_layer_scales_place(struct dvsm_arena *arena,
+							     size_t layers, size_t dim);
 
 /**
  * From the ranges of one head's keys and values to how they are packed.

@@ -9,26 +9,34 @@
 #include "forward/workspace.h"
 #include "threads/pool.h"
 
-/** D = dim, h = heads, N = tokens of the largest view, q = patch side. */
+/** Views that are worked on together; a unit is what their packed keys are filled up to. */
+#define DVSM_FIXED_GROUPING ((struct dvsm_grouping){DVSM_FIXED_KEY_PAD, 512})
+
+/**
+ * D = dim, h = heads, N = tokens of the largest view, G and V = rows and views of the largest
+ * group, q = patch side. Rows of a group's views follow each other without gap.
+ */
 struct dvsm_fixed_workspace {
 	int32_t *x;                          /* [tokens][D] residual stream */
-	int8_t *a, *a_low;                   /* [N][widest] inputs of products, or its low plane */
-	struct dvsm_fixed_scale *a_scale;    /* [N] */
-	int16_t *wide;                       /* [N][max(hidden, D)] queries; hidden numbers */
-	int16_t *mixed;                      /* [N][D] attention's output */
+	int8_t *a, *a_low;                   /* [G][widest] inputs of products, or its low plane */
+	struct dvsm_fixed_scale *a_scale;    /* [G] */
+	int16_t *wide;                       /* [G][max(hidden, D)] queries; hidden numbers */
+	int16_t *mixed;                      /* [G][D] attention's output */
 	int16_t *kv;                         /* [tokens][2D] keys and values before packing */
-	struct dvsm_fixed_range *ranges;     /* [h][2][D/h] of keys and values */
+	struct dvsm_fixed_range *ranges;     /* [V][h][2][D/h] of keys and values */
 	struct dvsm_fixed_channel *channels; /* likewise */
-	struct dvsm_fixed_layer own;         /* of the view at hand */
-	_Atomic uint32_t *left;              /* [N / rows of a task] tasks that rows wait for */
-	float *patches;                      /* [N][6qq] rays, or colours */
+	int8_t *own_keys, *own_values;       /* [G][h x padded head] packed, of each view in turn */
+	struct dvsm_fixed_layer_scales scales; /* [V][D] each, of the views' own layers */
+	_Atomic uint32_t *left; /* [G / least rows of a task] tasks that rows wait for */
+	float *patches;         /* [N][6qq] rays, or colours */
 	int32_t *sums;          /* [N][max(3qq, D)] embedding before its norm; picture */
 	unsigned char *scratch; /* [threads][scratch_stride] */
 	size_t scratch_stride;
 };
 
-/** Rows of a task of a product or of attention. */
-#define DVSM_FIXED_TASK_ROWS 64u
+/** Rows of a task of a product or of attention, at most and, unless there are fewer, at least. */
+#define DVSM_FIXED_TASK_ROWS       64u
+#define DVSM_FIXED_LEAST_TASK_ROWS 32u
 
 /** Rows whose planes a thread's scratch holds. */
 #define DVSM_FIXED_FEW_ROWS 16u
@@ -125,13 +133,27 @@ struct dvsm_fixed_product {
 void dvsm_fixed_step_products(const struct dvsm_fixed_run *run, size_t rows,
 			      const struct dvsm_fixed_product *products, size_t count);
 
-/** Pack kv[layer->tokens][2D] into the layer, with scales over all of its tokens. */
-void dvsm_fixed_step_pack(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
-			  const int16_t *kv, struct dvsm_fixed_layer *layer);
+/**
+ * Where keys and values of some rows are: those of a view's own rows in a layer of its own, or all
+ * rows' in one.
+ */
+struct dvsm_fixed_layers {
+	const struct dvsm_group *group; /* NULL: one layer */
+	struct dvsm_fixed_layer one;
+};
 
-/** work.mixed[rows][D] = attention of the 16-bit queries u[rows][D] to a layer. */
+/** The layer of a view, with its place among the group's. */
+struct dvsm_fixed_layer dvsm_fixed_layers_get(const struct dvsm_fixed_run *run,
+					      const struct dvsm_fixed_layers *layers,
+					      uint32_t view);
+
+/** Pack kv[tokens][2D] of all layers into them, with scales over all of a layer's tokens. */
+void dvsm_fixed_step_pack(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
+			  const int16_t *kv, const struct dvsm_fixed_layers *layers);
+
+/** work.mixed[rows][D] = attention of the 16-bit queries u[rows][D] to their layers. */
 void dvsm_fixed_step_attention(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
-			       const int16_t *u, size_t rows, const struct dvsm_fixed_layer *layer,
-			       struct dvsm_fixed_then then);
+			       const int16_t *u, size_t rows,
+			       const struct dvsm_fixed_layers *layers, struct dvsm_fixed_then then);
 
 #endif

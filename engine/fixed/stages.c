@@ -21,6 +21,19 @@ static void embed_views(const struct dvsm_fixed_run *run, const struct dvsm_scen
 	}
 }
 
+static struct dvsm_group group_from(const struct dvsm_scene *scene, uint32_t first)
+{
+	return dvsm_group_from(scene->first_token, scene->views, first, DVSM_FIXED_GROUPING);
+}
+
+/* work.a = the norm of the group's rows, as the matrix takes it. */
+static void norm_group(const struct dvsm_fixed_run *run, const struct dvsm_group *group,
+		       const struct dvsm_fixed_gain *gain, const struct dvsm_fixed_matrix *input)
+{
+	dvsm_fixed_step_norm(run, dvsm_fixed_group_x(run, group), dvsm_fixed_group_rows(group),
+			     gain, input);
+}
+
 /*
  * One block. Keys and values of all views wait in 16 bits until their range is known; then they are
  * packed, and every view attends across. Behind the last block's nothing is needed any more.
@@ -28,18 +41,16 @@ static void embed_views(const struct dvsm_fixed_run *run, const struct dvsm_scen
 static void run_block(const struct dvsm_fixed_run *run, struct dvsm_scene *scene, uint32_t layer)
 {
 	const struct dvsm_fixed_block *block = &run->model->blocks[layer];
-	const size_t dim = scene->dim;
-	struct dvsm_fixed_layer cache = dvsm_fixed_cache_layer(&scene->fixed, layer);
+	const struct dvsm_fixed_layers cache = {
+		.one = dvsm_fixed_cache_layer(&scene->fixed, layer),
+	};
+	struct dvsm_group group;
 
-	for (uint32_t v = 0; v < scene->views; v++) {
-		size_t first = scene->first_token[v], tokens = scene->first_token[v + 1] - first;
-		int16_t *kv = run->work.kv + first * 2 * dim;
-
-		dvsm_fixed_step_norm(run, run->work.x + first * dim, tokens, &block->intra.norm,
-				     &block->intra.key_value);
-		dvsm_fixed_block_intra(run, layer, run->work.x + first * dim, tokens, kv,
-				       &block->cross.key_value);
-		dvsm_fixed_block_cross_keys(run, layer, tokens, kv);
+	for (uint32_t v = 0; v < scene->views; v += group.views) {
+		group = group_from(scene, v);
+		norm_group(run, &group, &block->intra.norm, &block->intra.key_value);
+		dvsm_fixed_block_intra(run, layer, &group, &block->cross.key_value);
+		dvsm_fixed_block_cross_keys(run, layer, &group);
 	}
 	dvsm_fixed_step_pack(run, &block->cross, run->work.kv, &cache);
 	if (run->trace)
@@ -47,12 +58,10 @@ static void run_block(const struct dvsm_fixed_run *run, struct dvsm_scene *scene
 				  run->work.channels, block->cross.value_fraction);
 	if (layer + 1 == scene->layers)
 		return;
-	for (uint32_t v = 0; v < scene->views; v++) {
-		size_t first = scene->first_token[v], tokens = scene->first_token[v + 1] - first;
-
-		dvsm_fixed_step_norm(run, run->work.x + first * dim, tokens, &block->cross.norm,
-				     &block->cross.query);
-		dvsm_fixed_block_cross(run, layer, run->work.x + first * dim, tokens, &cache, NULL);
+	for (uint32_t v = 0; v < scene->views; v += group.views) {
+		group = group_from(scene, v);
+		norm_group(run, &group, &block->cross.norm, &block->cross.query);
+		dvsm_fixed_block_cross(run, layer, &group, &cache.one, NULL);
 	}
 }
 
@@ -76,22 +85,21 @@ void dvsm_fixed_render(const struct dvsm_fixed_run *run, const struct dvsm_scene
 		       uint32_t patch_px, const struct dvsm_picture_out *out)
 {
 	const struct dvsm_model_config *config = run->config;
-	const size_t tokens = dvsm_token_grid_count(plan->grid);
+	const size_t first_token[] = {0, dvsm_token_grid_count(plan->grid)};
+	const struct dvsm_group group = {first_token, 1};
 	struct dvsm_ray_map map =
 		dvsm_ray_map_prepare(camera, &scene->normalisation, config->patch_px, patch_px);
 
 	dvsm_fixed_picture_embed(run, &map, plan, NULL, run->work.x);
-	dvsm_fixed_step_norm(run, run->work.x, tokens, &run->model->blocks[0].intra.norm,
-			     &run->model->blocks[0].intra.key_value);
+	norm_group(run, &group, &run->model->blocks[0].intra.norm,
+		   &run->model->blocks[0].intra.key_value);
 	for (uint32_t layer = 0; layer < config->layers; layer++) {
 		struct dvsm_fixed_layer cache = dvsm_fixed_cache_layer(&scene->fixed, layer);
 		const struct dvsm_fixed_block *next =
 			layer + 1 < config->layers ? &run->model->blocks[layer + 1] : NULL;
 
-		dvsm_fixed_block_intra(run, layer, run->work.x, tokens, run->work.kv,
-				       &run->model->blocks[layer].cross.query);
-		dvsm_fixed_block_cross(run, layer, run->work.x, tokens, &cache,
-				       next ? &next->intra : NULL);
+		dvsm_fixed_block_intra(run, layer, &group, &run->model->blocks[layer].cross.query);
+		dvsm_fixed_block_cross(run, layer, &group, &cache, next ? &next->intra : NULL);
 	}
 	dvsm_fixed_picture_write(run, plan, run->work.x, out);
 }

@@ -7,12 +7,12 @@
 /* Tokens that make a task where the work on each is small, or lie in a thread's scratch. */
 #define ROWS_PER_TASK DVSM_FIXED_FEW_ROWS
 
-/* A task of a product or of attention: 64 rows of A stay in the first-level cache while the columns
- * pass by. */
-#define TASK_ROWS DVSM_FIXED_TASK_ROWS
+/* Columns of a task of a product: its rows of A stay in the first-level cache while they pass by.
+ */
 #define TASK_COLS 192u
 
-_Static_assert(TASK_ROWS <= DVSM_FIXED_QUERIES, "attention takes the rows of a task at once");
+_Static_assert(DVSM_FIXED_TASK_ROWS <= DVSM_FIXED_QUERIES,
+	       "attention takes the rows of a task at once");
 
 static size_t tiles(size_t count, size_t size)
 {
@@ -33,14 +33,25 @@ static size_t tile_length(size_t count, size_t size, size_t index)
  * piece, whose weights or keys stay in the cache meanwhile.
  */
 struct cut {
-	size_t row_tiles, pieces, parts;
+	size_t rows, tile_rows, row_tiles, pieces, parts;
 };
 
+/* Tiles of 64 rows, or of fewer where that gives every thread as many. */
 static struct cut cut_rows(const struct dvsm_fixed_run *run, size_t rows, size_t pieces)
 {
-	const size_t row_tiles = tiles(rows, TASK_ROWS), threads = dvsm_pool_get_threads(run->pool);
+	const size_t threads = dvsm_pool_get_threads(run->pool);
+	struct cut cut = {.rows = rows, .tile_rows = rows, .pieces = pieces};
 
-	return (struct cut){row_tiles, pieces, row_tiles < threads ? row_tiles : threads};
+	for (size_t shares = threads; cut.tile_rows > DVSM_FIXED_TASK_ROWS; shares += threads)
+		cut.tile_rows = tiles(rows, shares);
+	if (cut.tile_rows == rows)
+		cut.tile_rows = tiles(rows, threads);
+	cut.tile_rows = dvsm_fixed_pad(cut.tile_rows, ROWS_PER_TASK);
+	if (cut.tile_rows < DVSM_FIXED_LEAST_TASK_ROWS)
+		cut.tile_rows = DVSM_FIXED_LEAST_TASK_ROWS;
+	cut.row_tiles = tiles(rows, cut.tile_rows);
+	cut.parts = cut.row_tiles < threads ? cut.row_tiles : threads;
+	return cut;
 }
 
 static size_t count_tasks(const struct cut *cut)
@@ -184,17 +195,18 @@ static void key_rows(const struct dvsm_fixed_run *run, const struct dvsm_fixed_t
 /* ---- what is done behind rows ---- */
 
 static void expect(const struct dvsm_fixed_run *run, const struct dvsm_fixed_then *then,
-		   size_t row_tiles, size_t tasks)
+		   const struct cut *cut, size_t tasks)
 {
-	for (size_t i = 0; then->what != DVSM_FIXED_NOTHING && i < row_tiles; i++)
+	for (size_t i = 0; then->what != DVSM_FIXED_NOTHING && i < cut->row_tiles; i++)
 		atomic_store_explicit(&run->work.left[i], (uint32_t)tasks, memory_order_relaxed);
 }
 
 /* A task is done with its rows: the last of them goes on. */
 static void arrive(const struct dvsm_fixed_run *run, const struct dvsm_fixed_then *then,
-		   size_t row_tile, size_t rows, uint32_t worker)
+		   const struct cut *cut, size_t row_tile, uint32_t worker)
 {
-	const size_t row = row_tile * TASK_ROWS;
+	const size_t row = row_tile * cut->tile_rows;
+	const size_t rows = tile_length(cut->rows, cut->tile_rows, row_tile);
 
 	if (then->what == DVSM_FIXED_NOTHING ||
 	    atomic_fetch_sub_explicit(&run->work.left[row_tile], 1, memory_order_acq_rel) > 1)
@@ -250,7 +262,6 @@ void dvsm_fixed_step_norm_planes(const struct dvsm_fixed_run *run, const int32_t
 struct product_job {
 	const struct dvsm_fixed_run *run;
 	const struct dvsm_fixed_product *products;
-	size_t rows;
 	size_t first_cols; /* tiles of columns of the first product */
 	struct cut cut;
 };
@@ -266,14 +277,14 @@ static void product_task(void *context, size_t index, uint32_t worker)
 	const struct dvsm_fixed_product *product = &job->products[second];
 	const struct dvsm_fixed_matrix *w = product->w;
 	const size_t col_tile = second ? piece - job->first_cols : piece;
-	const size_t row = row_tile * TASK_ROWS, col = col_tile * TASK_COLS;
+	const size_t row = row_tile * job->cut.tile_rows, col = col_tile * TASK_COLS;
 	const size_t number =
 		product->epilogue == DVSM_FIXED_ADD ? sizeof(int32_t) : sizeof(int16_t);
 	struct dvsm_fixed_gemm gemm = {
 		.a = product->a + row * w->depth,
 		.a_stride = w->depth,
 		.a_scale = job->run->work.a_scale + row,
-		.rows = tile_length(job->rows, TASK_ROWS, row_tile),
+		.rows = tile_length(job->cut.rows, job->cut.tile_rows, row_tile),
 		.depth = w->depth,
 		.panels = w->panels + col * w->depth,
 		.w_sum = w->sums + col,
@@ -287,7 +298,7 @@ static void product_task(void *context, size_t index, uint32_t worker)
 	};
 
 	job->run->kernels->gemm(&gemm);
-	arrive(job->run, &product->then, row_tile, gemm.rows, worker);
+	arrive(job->run, &product->then, &job->cut, row_tile, worker);
 }
 
 void dvsm_fixed_step_products(const struct dvsm_fixed_run *run, size_t rows,
@@ -295,58 +306,110 @@ void dvsm_fixed_step_products(const struct dvsm_fixed_run *run, size_t rows,
 {
 	struct product_job job = {.run = run,
 				  .products = products,
-				  .rows = rows,
 				  .first_cols = tiles(products[0].w->out, TASK_COLS)};
 	size_t cols = job.first_cols;
 
 	if (count > 1)
 		cols += tiles(products[1].w->out, TASK_COLS);
 	job.cut = cut_rows(run, rows, cols);
-	expect(run, &products[0].then, job.cut.row_tiles, job.first_cols);
+	expect(run, &products[0].then, &job.cut, job.first_cols);
 	dvsm_pool_run(run->pool, count_tasks(&job.cut), product_task, &job);
 }
 
 /* ---- keys and values ---- */
 
+struct dvsm_fixed_layer dvsm_fixed_layers_get(const struct dvsm_fixed_run *run,
+					      const struct dvsm_fixed_layers *layers, uint32_t view)
+{
+	const struct dvsm_fixed_workspace *work = &run->work;
+	const size_t dim = run->config->dim, heads = run->config->heads;
+	size_t padded = 0, before = 0;
+	size_t tokens = 0;
+
+	if (!layers->group)
+		return layers->one;
+	for (uint32_t v = 0; v <= view; v++) {
+		tokens = layers->group->first_token[v + 1] - layers->group->first_token[v];
+		before += padded;
+		padded = dvsm_fixed_pad(tokens, DVSM_FIXED_KEY_PAD);
+	}
+
+	const size_t at = heads * dvsm_fixed_head_bytes(before, dim, heads);
+
+	return (struct dvsm_fixed_layer){
+		.tokens = tokens,
+		.padded = padded,
+		.keys = work->own_keys + at,
+		.values = work->own_values + at,
+		.k_scale = work->scales.k_scale + view * dim,
+		.v_scale = work->scales.v_scale + view * dim,
+		.v_mean = work->scales.v_mean + view * dim,
+	};
+}
+
 struct pack_job {
 	const struct dvsm_fixed_run *run;
 	const struct dvsm_fixed_half *half;
 	const int16_t *kv;
-	const struct dvsm_fixed_layer *layer;
+	const struct dvsm_fixed_layers *layers;
 };
 
+/* Keys and values of one layer, before packing and behind it. */
+struct unpacked {
+	const int16_t *kv;
+	struct dvsm_fixed_layer layer;
+	struct dvsm_fixed_range *ranges;
+	struct dvsm_fixed_channel *channels;
+};
+
+static struct unpacked find_unpacked(const struct pack_job *job, uint32_t view)
+{
+	const struct dvsm_group *group = job->layers->group;
+	const size_t stride = 2 * (size_t)job->run->config->dim;
+	const size_t first = group ? group->first_token[view] - group->first_token[0] : 0;
+
+	return (struct unpacked){
+		.kv = job->kv + first * stride,
+		.layer = dvsm_fixed_layers_get(job->run, job->layers, view),
+		.ranges = job->run->work.ranges + view * stride,
+		.channels = job->run->work.channels + view * stride,
+	};
+}
+
 /* Ranges of a head's keys and values, and how they are packed. */
-static void scale_head(const struct pack_job *job, size_t head, size_t dim)
+static void scale_head(const struct pack_job *job, const struct unpacked *from, size_t head,
+		       size_t dim)
 {
 	const struct dvsm_fixed_run *run = job->run;
 	const size_t first = head * dim, stride = 2 * (size_t)run->config->dim;
-	struct dvsm_fixed_range *ranges = run->work.ranges + 2 * first;
+	struct dvsm_fixed_range *ranges = from->ranges + 2 * first;
 	struct dvsm_fixed_half half = *job->half;
-	struct dvsm_fixed_layer layer = *job->layer;
+	struct dvsm_fixed_layer layer = from->layer;
 
 	for (size_t d = 0; d < 2 * dim; d++)
 		ranges[d] = (struct dvsm_fixed_range){0, INT16_MAX, INT16_MIN};
-	run->kernels->range(job->kv + first, stride, layer.tokens, dim, ranges);
-	run->kernels->range(job->kv + run->config->dim + first, stride, layer.tokens, dim,
+	run->kernels->range(from->kv + first, stride, layer.tokens, dim, ranges);
+	run->kernels->range(from->kv + run->config->dim + first, stride, layer.tokens, dim,
 			    ranges + dim);
 	half.value_fraction += first;
 	layer.k_scale += first;
 	layer.v_scale += first;
 	layer.v_mean += first;
-	dvsm_fixed_layer_scale(&half, dim, ranges, &layer, run->work.channels + 2 * first);
+	dvsm_fixed_layer_scale(&half, dim, ranges, &layer, from->channels + 2 * first);
 }
 
 /* One head from its ranges to its packed keys and values: nothing is left to be put together. */
-static void pack_task(void *context, size_t head, uint32_t worker)
+static void pack_task(void *context, size_t index, uint32_t worker)
 {
 	const struct pack_job *job = context;
 	const struct dvsm_model_config *config = job->run->config;
-	const struct dvsm_fixed_layer *layer = job->layer;
-	const size_t dim = config->dim / config->heads;
+	const size_t head = index % config->heads, dim = config->dim / config->heads;
+	const struct unpacked from = find_unpacked(job, (uint32_t)(index / config->heads));
+	const struct dvsm_fixed_layer *layer = &from.layer;
 	const size_t bytes = dvsm_fixed_head_bytes(layer->padded, config->dim, config->heads);
-	const struct dvsm_fixed_channel *channels = job->run->work.channels + 2 * head * dim;
+	const struct dvsm_fixed_channel *channels = from.channels + 2 * head * dim;
 	struct dvsm_fixed_pack pack = {
-		.x = job->kv + head * dim,
+		.x = from.kv + head * dim,
 		.x_stride = 2 * (size_t)config->dim,
 		.rows = layer->tokens,
 		.dim = dim,
@@ -356,7 +419,7 @@ static void pack_task(void *context, size_t head, uint32_t worker)
 	};
 
 	(void)worker;
-	scale_head(job, head, dim);
+	scale_head(job, &from, head, dim);
 	if (layer->tokens < layer->padded || dim < pack.head_width) {
 		memset(layer->keys + head * bytes, 0, bytes);
 		memset(layer->values + head * bytes, 0, bytes);
@@ -369,11 +432,12 @@ static void pack_task(void *context, size_t head, uint32_t worker)
 }
 
 void dvsm_fixed_step_pack(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
-			  const int16_t *kv, struct dvsm_fixed_layer *layer)
+			  const int16_t *kv, const struct dvsm_fixed_layers *layers)
 {
-	struct pack_job job = {run, half, kv, layer};
+	struct pack_job job = {run, half, kv, layers};
+	const size_t count = layers->group ? layers->group->views : 1;
 
-	dvsm_pool_run(run->pool, run->config->heads, pack_task, &job);
+	dvsm_pool_run(run->pool, count * run->config->heads, pack_task, &job);
 }
 
 /* ---- attention ---- */
@@ -382,21 +446,21 @@ struct attention_job {
 	const struct dvsm_fixed_run *run;
 	const struct dvsm_fixed_half *half;
 	const int16_t *u;
-	size_t rows;
 	struct cut cut;
-	const struct dvsm_fixed_layer *layer;
+	const struct dvsm_fixed_layers *layers;
 	struct dvsm_fixed_then then;
 };
 
 /* The queries of a head in int8, into the scratch. */
 static void normalise_queries(const struct attention_job *job, size_t head, size_t row,
+			      const struct dvsm_fixed_scale *k_scale,
 			      const struct dvsm_fixed_head_scratch *scratch,
 			      struct dvsm_fixed_attention *attention)
 {
 	const struct dvsm_fixed_run *run = job->run;
 	const size_t dim = attention->dim;
 	const struct dvsm_fixed_gain gain = dvsm_fixed_query_gain(
-		run->model, job->half, head, dim, job->layer->k_scale + head * dim, scratch->gains);
+		run->model, job->half, head, dim, k_scale + head * dim, scratch->gains);
 	struct dvsm_fixed_queries queries = {
 		.u = job->u + row * run->config->dim + head * dim,
 		.u_stride = run->config->dim,
@@ -417,19 +481,15 @@ static void normalise_queries(const struct attention_job *job, size_t head, size
 	attention->scratch = scratch->rest;
 }
 
-static void attention_task(void *context, size_t index, uint32_t worker)
+/* One head's attention of rows row .. row + rows - 1 to one layer. */
+static void attend(const struct attention_job *job, size_t head, size_t row, size_t rows,
+		   const struct dvsm_fixed_layer *layer, uint32_t worker)
 {
-	const struct attention_job *job = context;
 	const struct dvsm_model_config *config = job->run->config;
-	const struct dvsm_fixed_layer *layer = job->layer;
-	size_t row_tile, head;
-
-	find_task(&job->cut, index, &row_tile, &head);
-
-	const size_t row = row_tile * TASK_ROWS, dim = config->dim / config->heads;
+	const size_t dim = config->dim / config->heads;
 	const size_t head_bytes = dvsm_fixed_head_bytes(layer->padded, config->dim, config->heads);
 	struct dvsm_fixed_attention attention = {
-		.queries = tile_length(job->rows, TASK_ROWS, row_tile),
+		.queries = rows,
 		.k = layer->keys + head * head_bytes,
 		.v = layer->values + head * head_bytes,
 		.keys = layer->tokens,
@@ -443,18 +503,55 @@ static void attention_task(void *context, size_t index, uint32_t worker)
 	const struct dvsm_fixed_head_scratch scratch = dvsm_fixed_head_scratch_place(
 		dvsm_fixed_scratch(job->run, worker), attention.head_width);
 
-	normalise_queries(job, head, row, &scratch, &attention);
+	normalise_queries(job, head, row, layer->k_scale, &scratch, &attention);
 	job->run->kernels->attention(&attention);
-	arrive(job->run, &job->then, row_tile, attention.queries, worker);
+}
+
+/* The rows of a tile, those of each view to their own layer. */
+static void attend_by_view(const struct attention_job *job, size_t head, size_t row, size_t rows,
+			   uint32_t worker)
+{
+	const struct dvsm_group *group = job->layers->group;
+	const size_t base = group->first_token[0];
+
+	for (uint32_t v = 0; v < group->views; v++) {
+		size_t first = group->first_token[v] - base, end = group->first_token[v + 1] - base;
+
+		first = first > row ? first : row;
+		end = end < row + rows ? end : row + rows;
+		if (first < end) {
+			struct dvsm_fixed_layer layer =
+				dvsm_fixed_layers_get(job->run, job->layers, v);
+
+			attend(job, head, first, end - first, &layer, worker);
+		}
+	}
+}
+
+static void attention_task(void *context, size_t index, uint32_t worker)
+{
+	const struct attention_job *job = context;
+	size_t row_tile, head;
+
+	find_task(&job->cut, index, &row_tile, &head);
+
+	const size_t row = row_tile * job->cut.tile_rows;
+	const size_t rows = tile_length(job->cut.rows, job->cut.tile_rows, row_tile);
+
+	if (job->layers->group)
+		attend_by_view(job, head, row, rows, worker);
+	else
+		attend(job, head, row, rows, &job->layers->one, worker);
+	arrive(job->run, &job->then, &job->cut, row_tile, worker);
 }
 
 void dvsm_fixed_step_attention(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
-			       const int16_t *u, size_t rows, const struct dvsm_fixed_layer *layer,
-			       struct dvsm_fixed_then then)
+			       const int16_t *u, size_t rows,
+			       const struct dvsm_fixed_layers *layers, struct dvsm_fixed_then then)
 {
-	struct attention_job job = {run,   half, u, rows, cut_rows(run, rows, run->config->heads),
-				    layer, then};
+	struct attention_job job = {run,    half, u, cut_rows(run, rows, run->config->heads),
+				    layers, then};
 
-	expect(run, &then, job.cut.row_tiles, run->config->heads);
+	expect(run, &then, &job.cut, run->config->heads);
 	dvsm_pool_run(run->pool, count_tasks(&job.cut), attention_task, &job);
 }

@@ -34,41 +34,30 @@ static void *take(struct dvsm_arena *arena, size_t rows, size_t width, size_t si
 	return dvsm_arena_take(arena, rows, width * size);
 }
 
-static struct dvsm_fixed_layer place_layer(struct dvsm_arena *arena, size_t dim, size_t heads,
-					   size_t tokens)
-{
-	struct dvsm_fixed_layer layer = {
-		.tokens = tokens,
-		.padded = dvsm_fixed_pad(tokens, DVSM_FIXED_KEY_PAD),
-	};
-	size_t width = heads * dvsm_fixed_pad(dim / heads, DVSM_FIXED_HEAD);
-
-	layer.keys = take(arena, layer.padded, width, 1);
-	layer.values = take(arena, layer.padded, width, 1);
-	dvsm_fixed_layer_place(arena, dim, &layer);
-	return layer;
-}
-
 struct dvsm_fixed_workspace dvsm_fixed_workspace_place(struct dvsm_arena *arena,
 						       const struct dvsm_model_config *config,
 						       const struct dvsm_job_size *size)
 {
-	const size_t dim = config->dim, heads = config->heads, n = size->view_tokens;
+	const size_t dim = config->dim, heads = config->heads;
+	const size_t n = size->view_tokens, g = size->group_rows, views = size->group_views;
+	const size_t packed = heads * dvsm_fixed_pad(dim / heads, DVSM_FIXED_HEAD);
 	const size_t area = (size_t)config->patch_px * config->patch_px;
 	struct dvsm_fixed_workspace w = {0};
 
 	w.x = take(arena, size->tokens, dim, sizeof(*w.x));
 	/* a_low also holds the hidden numbers, while other tasks still read a. */
-	w.a = take(arena, n, input_bytes(config, dim), 1);
-	w.a_low = take(arena, n, input_bytes(config, dim * larger(1, config->mlp_ratio)), 1);
-	w.a_scale = take(arena, n, 1, sizeof(*w.a_scale));
-	w.wide = take(arena, n, dim * larger(1, config->mlp_ratio), sizeof(*w.wide));
-	w.mixed = take(arena, n, dim, sizeof(*w.mixed));
+	w.a = take(arena, g, input_bytes(config, dim), 1);
+	w.a_low = take(arena, g, input_bytes(config, dim * larger(1, config->mlp_ratio)), 1);
+	w.a_scale = take(arena, g, 1, sizeof(*w.a_scale));
+	w.wide = take(arena, g, dim * larger(1, config->mlp_ratio), sizeof(*w.wide));
+	w.mixed = take(arena, g, dim, sizeof(*w.mixed));
 	w.kv = take(arena, size->tokens, 2 * dim, sizeof(*w.kv));
-	w.ranges = take(arena, 2, dim, sizeof(*w.ranges));
-	w.channels = take(arena, 2, dim, sizeof(*w.channels));
-	w.own = place_layer(arena, dim, heads, n);
-	w.left = take(arena, n / DVSM_FIXED_TASK_ROWS + 1, 1, sizeof(*w.left));
+	w.ranges = take(arena, views, 2 * dim, sizeof(*w.ranges));
+	w.channels = take(arena, views, 2 * dim, sizeof(*w.channels));
+	w.own_keys = take(arena, g, packed, 1);
+	w.own_values = take(arena, g, packed, 1);
+	w.scales = dvsm_fixed_layer_scales_place(arena, views, dim);
+	w.left = take(arena, g / DVSM_FIXED_LEAST_TASK_ROWS + 1, 1, sizeof(*w.left));
 	w.patches = take(arena, n, 6 * area, sizeof(*w.patches));
 	w.sums = take(arena, n, larger(3 * area, dim), sizeof(*w.sums));
 	w.scratch_stride = scratch_bytes(config, size);

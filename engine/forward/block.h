@@ -10,12 +10,6 @@
 
 #include "forward/steps.h"
 
-/** Views that are worked on together, all of whose tokens the workspace has room for. */
-struct dvsm_group {
-	const size_t *first_token; /* [views + 1] in the residual stream */
-	uint32_t views;
-};
-
 /**
  * Attention within each view, the MLP behind it, and the views' cross-view keys and values into
  * `cache`, where tokens lie as in the residual stream.

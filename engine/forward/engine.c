@@ -128,13 +128,21 @@ enum dvsm_status dvsm_engine_check_size(const struct dvsm_camera *camera, struct
 	return DVSM_OK;
 }
 
+static struct dvsm_job_size size_of(const struct dvsm_engine *engine,
+				    const struct dvsm_camera *cameras, uint32_t count,
+				    uint32_t patch_px)
+{
+	return dvsm_job_size_of(&engine->model->config, cameras, count, patch_px,
+				dvsm_pool_get_threads(engine->pool),
+				engine->fixed ? DVSM_FIXED_GROUPING : DVSM_GROUPING);
+}
+
 enum dvsm_status dvsm_engine_measure(const struct dvsm_engine *engine,
 				     const struct dvsm_camera *cameras, uint32_t count,
 				     uint32_t patch_px, size_t *bytes, struct dvsm_error *error)
 {
 	const struct dvsm_model_config *config = &engine->model->config;
-	struct dvsm_job_size size = dvsm_job_size_of(config, cameras, count, patch_px,
-						     dvsm_pool_get_threads(engine->pool));
+	struct dvsm_job_size size = size_of(engine, cameras, count, patch_px);
 	struct dvsm_arena arena = {0};
 
 	if (engine->fixed)
@@ -178,8 +186,7 @@ struct dvsm_run dvsm_engine_begin(const struct dvsm_engine *engine,
 				  uint32_t patch_px)
 {
 	const struct dvsm_model_config *config = &engine->model->config;
-	struct dvsm_job_size size = dvsm_job_size_of(config, cameras, count, patch_px,
-						     dvsm_pool_get_threads(engine->pool));
+	struct dvsm_job_size size = size_of(engine, cameras, count, patch_px);
 	struct dvsm_arena arena = {.base = engine->workspace};
 
 	return (struct dvsm_run){
@@ -197,8 +204,7 @@ struct dvsm_fixed_run dvsm_engine_begin_fixed(const struct dvsm_engine *engine,
 					      uint32_t patch_px)
 {
 	const struct dvsm_model_config *config = &engine->model->config;
-	struct dvsm_job_size size = dvsm_job_size_of(config, cameras, count, patch_px,
-						     dvsm_pool_get_threads(engine->pool));
+	struct dvsm_job_size size = size_of(engine, cameras, count, patch_px);
 	struct dvsm_arena arena = {.base = engine->workspace};
 
 	return (struct dvsm_fixed_run){

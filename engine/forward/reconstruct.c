@@ -26,20 +26,9 @@ static void embed_views(const struct dvsm_run *run, const struct dvsm_scene *sce
 	}
 }
 
-/* The views from `first` on that are worked on together. */
 static struct dvsm_group group_from(const struct dvsm_scene *scene, uint32_t first)
 {
-	struct dvsm_group group = {scene->first_token + first, 0};
-	size_t rows = 0;
-
-	for (uint32_t v = first; v < scene->views; v++, group.views++) {
-		size_t tokens = scene->first_token[v + 1] - scene->first_token[v];
-
-		if (!dvsm_group_takes(rows, dvsm_group_rows(tokens)))
-			break;
-		rows += dvsm_group_rows(tokens);
-	}
-	return group;
+	return dvsm_group_from(scene->first_token, scene->views, first, DVSM_GROUPING);
 }
 
 /*
