@@ -297,25 +297,65 @@ void dio_picture_from_float(const float *rgb, struct dio_picture *picture)
 	}
 }
 
+/* Pictures of a batch wait for each other. */
+#define BATCH_BYTES ((size_t)32 << 20)
+
+uint32_t dio_session_batch_size(const struct dio_session *session,
+				const struct dio_camera_model *camera)
+{
+	const struct dvsm_camera engine_camera = {.width = camera->width, .height = camera->height};
+	const size_t most = BATCH_BYTES / ((size_t)camera->width * camera->height * 3 + 1);
+	uint32_t size = dvsm_render_batch_size(session->engine, &engine_camera,
+					       dio_session_get_patch_render(session, camera));
+
+	size = size < most ? size : (uint32_t)most;
+	size = size < DIO_BATCH_MAX ? size : DIO_BATCH_MAX;
+	return size > 0 ? size : 1;
+}
+
+static enum dio_status fit_picture(struct dio_picture *picture,
+				   const struct dio_camera_model *camera, struct dio_error *error)
+{
+	enum dio_status status;
+
+	if (picture->width == camera->width && picture->height == camera->height)
+		return DIO_OK;
+	dio_picture_deinit(picture);
+	status = dio_picture_init(picture, camera->width, camera->height);
+	return status == DIO_OK ? DIO_OK
+				: dio_fail(error, status, "no memory for a %ux%u picture",
+					   camera->width, camera->height);
+}
+
+enum dio_status dio_session_render_batch(struct dio_session *session,
+					 const struct dio_camera_model *const *cameras,
+					 const struct dio_pose *const *poses, uint32_t count,
+					 struct dio_picture *pictures, struct dvsm_stats *stats,
+					 struct dio_error *error)
+{
+	struct dvsm_camera engine_cameras[DIO_BATCH_MAX];
+	struct dvsm_picture_out out[DIO_BATCH_MAX];
+	struct dvsm_error fault = {0};
+	enum dio_status status = DIO_OK;
+
+	for (uint32_t i = 0; status == DIO_OK && i < count; i++) {
+		engine_cameras[i] = dio_view_engine_camera(cameras[i], poses[i]);
+		status = fit_picture(&pictures[i], cameras[i], error);
+		out[i] = (struct dvsm_picture_out){.bytes = pictures[i].rgb};
+	}
+	if (status != DIO_OK)
+		return status;
+	return dio_status_from_engine(
+		dvsm_render_batch(session->engine, session->scene, engine_cameras, count,
+				  dio_session_get_patch_render(session, cameras[0]), out, stats,
+				  &fault),
+		&fault, error);
+}
+
 enum dio_status dio_session_render_picture(struct dio_session *session,
 					   const struct dio_camera_model *camera,
 					   const struct dio_pose *pose, struct dio_picture *picture,
 					   struct dvsm_stats *stats, struct dio_error *error)
 {
-	struct dvsm_camera engine_camera = dio_view_engine_camera(camera, pose);
-	struct dvsm_error fault = {0};
-	enum dio_status status;
-
-	if (picture->width != camera->width || picture->height != camera->height) {
-		dio_picture_deinit(picture);
-		status = dio_picture_init(picture, camera->width, camera->height);
-		if (status != DIO_OK)
-			return dio_fail(error, status, "no memory for a %ux%u picture",
-					camera->width, camera->height);
-	}
-	return dio_status_from_engine(
-		dvsm_render_rgb8(session->engine, session->scene, &engine_camera,
-				 dio_session_get_patch_render(session, camera), picture->rgb, stats,
-				 &fault),
-		&fault, error);
+	return dio_session_render_batch(session, &camera, &pose, 1, picture, stats, error);
 }

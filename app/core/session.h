@@ -77,6 +77,29 @@ enum dio_status dio_session_render_picture(struct dio_session *session,
 					   const struct dio_pose *pose, struct dio_picture *picture,
 					   struct dvsm_stats *stats, struct dio_error *error);
 
+/** Most viewpoints of dio_session_render_batch(). */
+#define DIO_BATCH_MAX 16u
+
+/**
+ * How many viewpoints of a camera's size are best rendered at once: as many as the engine gains
+ * from, dvsm_render_batch_size(), whose pictures take up to 32 MiB; at least 1.
+ */
+uint32_t dio_session_batch_size(const struct dio_session *session,
+				const struct dio_camera_model *camera);
+
+/**
+ * Render several viewpoints of one size as 8-bit pictures: the same bytes as one by one.
+ *
+ * cameras, poses  [count], count 1..DIO_BATCH_MAX
+ * pictures        [count], each zero-initialised or reused
+ * stats           NULL, or of all of them together
+ */
+enum dio_status dio_session_render_batch(struct dio_session *session,
+					 const struct dio_camera_model *const *cameras,
+					 const struct dio_pose *const *poses, uint32_t count,
+					 struct dio_picture *pictures, struct dvsm_stats *stats,
+					 struct dio_error *error);
+
 /** Clamp to [0,1] and round to 8 bits. `picture` has its size already. */
 void dio_picture_from_float(const float *rgb, struct dio_picture *picture);
 

@@ -28,8 +28,8 @@ struct sinks {
 	struct dio_npy *npy;
 	struct dio_video *video;
 	const char *folder; /* for one PNG a picture; NULL when a film is made */
-	float *rgb;
-	struct dio_picture picture;
+	float *rgb;         /* of the largest picture; NULL without --raw */
+	struct dio_picture pictures[DIO_BATCH_MAX]; /* those at hand */
 	uint64_t render_ns;
 	cJSON *hashes; /* of each picture's bytes; NULL without --hash */
 };
@@ -70,6 +70,9 @@ static enum dio_status open_npy(const struct render_job *job, const struct shots
 		return dio_fail(error, DIO_NO_MEM, "%s: no memory", job->out);
 	status = dio_npy_open(path, shots->count, first->height, first->width, &sinks->npy, error);
 	free(path);
+	sinks->rgb = malloc((size_t)3 * first->width * first->height * sizeof *sinks->rgb);
+	if (status == DIO_OK && !sinks->rgb)
+		status = dio_fail(error, DIO_NO_MEM, "no memory for a picture");
 	return status;
 }
 
@@ -78,18 +81,8 @@ static enum dio_status open_sinks(const struct render_job *job, const struct sho
 {
 	const struct dio_camera_model *first = &shots->list[0].camera;
 	enum dio_status status = DIO_OK;
-	size_t numbers = 3;
 	char *path;
 
-	for (uint32_t i = 0; i < shots->count; i++) {
-		size_t size =
-			(size_t)3 * shots->list[i].camera.width * shots->list[i].camera.height;
-
-		numbers = size > numbers ? size : numbers;
-	}
-	sinks->rgb = malloc(numbers * sizeof *sinks->rgb);
-	if (!sinks->rgb)
-		return dio_fail(error, DIO_NO_MEM, "no memory for a picture");
 	if (job->raw)
 		status = open_npy(job, shots, sinks, error);
 	if (status != DIO_OK || !shots->is_path) {
@@ -120,13 +113,14 @@ static enum dio_status close_sinks(struct sinks *sinks, enum dio_status status,
 		status = dio_video_close(sinks->video, error);
 	else
 		dio_video_discard(sinks->video);
-	dio_picture_deinit(&sinks->picture);
+	for (uint32_t i = 0; i < DIO_BATCH_MAX; i++)
+		dio_picture_deinit(&sinks->pictures[i]);
 	free(sinks->rgb);
 	return status;
 }
 
 static enum dio_status write_png(const struct sinks *sinks, const char *name,
-				 struct dio_error *error)
+				 const struct dio_picture *picture, struct dio_error *error)
 {
 	enum dio_status status;
 	char *file, *path;
@@ -137,7 +131,7 @@ static enum dio_status write_png(const struct sinks *sinks, const char *name,
 	free(file);
 	if (!path)
 		return dio_fail(error, DIO_NO_MEM, "%s: no memory", name);
-	status = dio_picture_write(path, &sinks->picture, error);
+	status = dio_picture_write(path, picture, error);
 	free(path);
 	return status;
 }
@@ -165,26 +159,67 @@ static void add_hash(cJSON *hashes, const char *name, const struct dio_picture *
 	cJSON_AddItemToArray(hashes, item);
 }
 
-static enum dio_status render_shot(struct dio_session *session, const struct shot *shot,
-				   struct sinks *sinks, struct dio_error *error)
+static enum dio_status put_picture(struct sinks *sinks, const char *name,
+				   const struct dio_picture *picture, struct dio_error *error)
 {
+	if (sinks->hashes)
+		add_hash(sinks->hashes, name, picture);
+	if (sinks->video)
+		return dio_video_append(sinks->video, picture, error);
+	return write_png(sinks, name, picture, error);
+}
+
+/* With its numbers, for --raw. */
+static enum dio_status render_raw(struct dio_session *session, const struct shot *shot,
+				  struct sinks *sinks, struct dio_error *error)
+{
+	struct dio_picture *picture = &sinks->pictures[0];
 	struct dvsm_stats stats = {0};
 	enum dio_status status =
 		dio_session_render(session, &shot->camera, &shot->pose, sinks->rgb, &stats, error);
 
 	if (status == DIO_OK)
-		status = fit_picture(&sinks->picture, &shot->camera, error);
+		status = fit_picture(picture, &shot->camera, error);
 	if (status != DIO_OK)
 		return status;
 	sinks->render_ns += stats.time_ns;
-	dio_picture_from_float(sinks->rgb, &sinks->picture);
-	if (sinks->hashes)
-		add_hash(sinks->hashes, shot->name, &sinks->picture);
-	if (sinks->npy && (status = dio_npy_append(sinks->npy, sinks->rgb, error)) != DIO_OK)
+	dio_picture_from_float(sinks->rgb, picture);
+	if ((status = dio_npy_append(sinks->npy, sinks->rgb, error)) != DIO_OK)
 		return status;
-	if (sinks->video)
-		return dio_video_append(sinks->video, &sinks->picture, error);
-	return write_png(sinks, shot->name, error);
+	return put_picture(sinks, shot->name, picture, error);
+}
+
+/* As many of the shots as are best rendered at once; *count says how many of them were. */
+static enum dio_status render_some(struct dio_session *session, const struct shot *shots,
+				   uint32_t *count, struct sinks *sinks, struct dio_error *error)
+{
+	const struct dio_camera_model *cameras[DIO_BATCH_MAX];
+	const struct dio_pose *poses[DIO_BATCH_MAX];
+	const uint32_t best = dio_session_batch_size(session, &shots[0].camera);
+	struct dvsm_stats stats = {0};
+	enum dio_status status;
+	uint32_t some = 0;
+
+	for (; some < best && some < *count; some++) {
+		if (shots[some].camera.width != shots[0].camera.width ||
+		    shots[some].camera.height != shots[0].camera.height)
+			break;
+		cameras[some] = &shots[some].camera;
+		poses[some] = &shots[some].pose;
+	}
+	status = dio_session_render_batch(session, cameras, poses, some, sinks->pictures, &stats,
+					  error);
+	if (status == DIO_BAD_ARG && some > 1) {
+		/* One by one, those in front of the faulty one are rendered. */
+		some = 1;
+		status = dio_session_render_batch(session, cameras, poses, some, sinks->pictures,
+						  &stats, error);
+	}
+	*count = some;
+	sinks->render_ns += stats.time_ns;
+	for (uint32_t i = 0; status == DIO_OK && i < some; i++)
+		status = put_picture(sinks, shots[i].name, &sinks->pictures[i], error);
+	return status;
 }
 
 static enum dio_status render_all(const struct render_job *job, struct dio_session *session,
@@ -200,9 +235,11 @@ static enum dio_status render_all(const struct render_job *job, struct dio_sessi
 	status = open_sinks(job, shots, &sinks, error);
 
 	dio_progress_init(&progress, "rendering");
-	for (uint32_t i = 0; status == DIO_OK && i < shots->count; i++) {
+	for (uint32_t i = 0, count; status == DIO_OK && i < shots->count; i += count) {
 		dio_progress_update(&progress, (double)i / shots->count);
-		status = render_shot(session, &shots->list[i], &sinks, error);
+		count = job->raw ? 1 : shots->count - i;
+		status = job->raw ? render_raw(session, &shots->list[i], &sinks, error)
+				  : render_some(session, &shots->list[i], &count, &sinks, error);
 	}
 	dio_progress_done(&progress);
 	*render_ns = sinks.render_ns / shots->count;

@@ -80,26 +80,40 @@ enum dvsm_status dvsm_fixed_reconstruct(const struct dvsm_fixed_run *run, struct
 	return DVSM_OK;
 }
 
+static struct dvsm_patch_plan plan_of(const struct dvsm_fixed_run *run,
+				      const struct dvsm_camera *camera, uint32_t patch_px)
+{
+	return dvsm_patch_plan_make(camera->width, camera->height, run->config->patch_px, patch_px);
+}
+
 void dvsm_fixed_render(const struct dvsm_fixed_run *run, const struct dvsm_scene *scene,
-		       const struct dvsm_camera *camera, const struct dvsm_patch_plan *plan,
+		       const struct dvsm_group *group, const struct dvsm_camera *cameras,
 		       uint32_t patch_px, const struct dvsm_picture_out *out)
 {
 	const struct dvsm_model_config *config = run->config;
-	const size_t first_token[] = {0, dvsm_token_grid_count(plan->grid)};
-	const struct dvsm_group group = {first_token, 1};
-	struct dvsm_ray_map map =
-		dvsm_ray_map_prepare(camera, &scene->normalisation, config->patch_px, patch_px);
+	const struct dvsm_fixed_half *first = &run->model->blocks[0].intra;
 
-	dvsm_fixed_picture_embed(run, &map, plan, NULL, run->work.x);
-	norm_group(run, &group, &run->model->blocks[0].intra.norm,
-		   &run->model->blocks[0].intra.key_value);
+	for (uint32_t v = 0; v < group->views; v++) {
+		struct dvsm_patch_plan plan = plan_of(run, &cameras[v], patch_px);
+		struct dvsm_ray_map map = dvsm_ray_map_prepare(&cameras[v], &scene->normalisation,
+							       config->patch_px, patch_px);
+
+		dvsm_fixed_picture_embed(run, &map, &plan, NULL,
+					 run->work.x + group->first_token[v] * config->dim);
+	}
+	norm_group(run, group, &first->norm, &first->key_value);
 	for (uint32_t layer = 0; layer < config->layers; layer++) {
 		struct dvsm_fixed_layer cache = dvsm_fixed_cache_layer(&scene->fixed, layer);
 		const struct dvsm_fixed_block *next =
 			layer + 1 < config->layers ? &run->model->blocks[layer + 1] : NULL;
 
-		dvsm_fixed_block_intra(run, layer, &group, &run->model->blocks[layer].cross.query);
-		dvsm_fixed_block_cross(run, layer, &group, &cache, next ? &next->intra : NULL);
+		dvsm_fixed_block_intra(run, layer, group, &run->model->blocks[layer].cross.query);
+		dvsm_fixed_block_cross(run, layer, group, &cache, next ? &next->intra : NULL);
 	}
-	dvsm_fixed_picture_write(run, plan, run->work.x, out);
+	for (uint32_t v = 0; v < group->views; v++) {
+		struct dvsm_patch_plan plan = plan_of(run, &cameras[v], patch_px);
+
+		dvsm_fixed_picture_write(
+			run, &plan, run->work.x + group->first_token[v] * config->dim, &out[v]);
+	}
 }

@@ -13,9 +13,13 @@ enum dvsm_status dvsm_fixed_reconstruct(const struct dvsm_fixed_run *run, struct
 					const struct dvsm_view *views, dvsm_progress_fn *progress,
 					void *progress_context, struct dvsm_error *error);
 
-/** Render; floats are multiples of 2^-16, up to 128. */
+/**
+ * Render the views of a group, which are all there are; floats are multiples of 2^-16, up to 128.
+ *
+ * cameras, out  [group->views]
+ */
 void dvsm_fixed_render(const struct dvsm_fixed_run *run, const struct dvsm_scene *scene,
-		       const struct dvsm_camera *camera, const struct dvsm_patch_plan *plan,
+		       const struct dvsm_group *group, const struct dvsm_camera *cameras,
 		       uint32_t patch_px, const struct dvsm_picture_out *out);
 
 #endif

@@ -5,12 +5,20 @@
 /* Most tokens of a tile: the hidden numbers of their MLP fit the second-level cache. */
 #define TILE_TOKENS 256u
 
-/* Tokens of one view that one thread takes through a part of the layer. */
+/* Tokens that one thread takes through a part of the layer: of one view, or of several. */
 struct tile {
-	size_t view_row, view_tokens; /* of the view: first row in the workspace, tokens */
-	size_t first;                 /* the tile's first token, among the view's */
-	size_t view_token;            /* the view's first token, among all views' */
+	size_t row, token; /* the first one in the workspace, and in the residual stream */
 	size_t rows;
+	uint32_t view; /* of the first one */
+	size_t first;  /* which of that view's tokens it is */
+};
+
+/* Those of a tile that are one view's. */
+struct part {
+	size_t at, rows; /* among the tile's */
+	uint32_t view;
+	size_t first;                 /* which of the view's tokens the first one is */
+	size_t view_row, view_tokens; /* of the view: first row in the workspace, tokens */
 };
 
 struct block_job {
@@ -18,6 +26,7 @@ struct block_job {
 	const struct dvsm_group *group;
 	uint32_t layer;
 	const struct dvsm_heads *cache;
+	size_t even; /* tokens of each view where all have as many and no row is empty; or 0 */
 };
 
 static size_t tokens_of(const struct dvsm_group *group, uint32_t view)
@@ -25,25 +34,46 @@ static size_t tokens_of(const struct dvsm_group *group, uint32_t view)
 	return group->first_token[view + 1] - group->first_token[view];
 }
 
+static size_t even_tokens(const struct dvsm_group *group)
+{
+	const size_t tokens = tokens_of(group, 0);
+
+	for (uint32_t v = 0; v < group->views; v++)
+		if (tokens_of(group, v) != tokens || dvsm_group_rows(tokens) != tokens)
+			return 0;
+	return tokens;
+}
+
+/* Rows of a tile, of `shares` or multiples of that: the more rows, the less often weights are read.
+ */
+static size_t share_rows(size_t rows, size_t step)
+{
+	size_t shares = step;
+
+	while (dvsm_tiles(rows, shares) > TILE_TOKENS)
+		shares += step;
+	return dvsm_group_rows(dvsm_tiles(rows, shares));
+}
+
 /*
- * Tokens of a view's tiles. Views are cut into as many as there are threads, or multiples of that,
- * unless there are enough whole ones to go round: the more rows, the less often weights are read.
+ * Tokens of a tile. Where views lie side by side their rows are cut as if they were one; elsewhere
+ * each view is cut, unless there are enough whole ones to go round.
  */
 static size_t tile_size(const struct block_job *job, size_t view_tokens)
 {
 	const size_t threads = dvsm_pool_get_threads(job->run->pool);
-	const size_t step = job->group->views % threads == 0 ? 1 : threads;
-	size_t shares = step;
 
-	while (dvsm_tiles(view_tokens, shares) > TILE_TOKENS)
-		shares += step;
-	return dvsm_group_rows(dvsm_tiles(view_tokens, shares));
+	if (job->even)
+		return share_rows(job->group->views * job->even, threads);
+	return share_rows(view_tokens, job->group->views % threads == 0 ? 1 : threads);
 }
 
 static size_t count_tiles(const struct block_job *job)
 {
 	size_t count = 0;
 
+	if (job->even)
+		return dvsm_tiles(job->group->views * job->even, tile_size(job, job->even));
 	for (uint32_t v = 0; v < job->group->views; v++) {
 		size_t tokens = tokens_of(job->group, v);
 
@@ -52,39 +82,76 @@ static size_t count_tiles(const struct block_job *job)
 	return count;
 }
 
+static struct tile find_even_tile(const struct block_job *job, size_t index)
+{
+	const size_t rows = job->group->views * job->even, size = tile_size(job, job->even);
+	const size_t row = index * size;
+
+	return (struct tile){row, job->group->first_token[0] + row,
+			     dvsm_tile_length(rows, size, index), (uint32_t)(row / job->even),
+			     row % job->even};
+}
+
 static struct tile find_tile(const struct block_job *job, size_t index)
 {
 	size_t row = 0;
 
+	if (job->even)
+		return find_even_tile(job, index);
 	for (uint32_t v = 0;; v++) {
 		size_t tokens = tokens_of(job->group, v), size = tile_size(job, tokens);
-		size_t tiles = dvsm_tiles(tokens, size);
+		size_t tiles = dvsm_tiles(tokens, size), first = index * size;
 
 		if (index < tiles)
-			return (struct tile){row, tokens, index * size, job->group->first_token[v],
-					     dvsm_tile_length(tokens, size, index)};
+			return (struct tile){row + first, job->group->first_token[v] + first,
+					     dvsm_tile_length(tokens, size, index), v, first};
 		index -= tiles;
 		row += dvsm_group_rows(tokens);
 	}
+}
+
+/* The tile's rows of its first view. */
+static struct part first_part(const struct block_job *job, const struct tile *tile)
+{
+	const size_t tokens = tokens_of(job->group, tile->view), left = tokens - tile->first;
+
+	return (struct part){0,
+			     tile->rows < left ? tile->rows : left,
+			     tile->view,
+			     tile->first,
+			     tile->row - tile->first,
+			     tokens};
+}
+
+/* And of the next one; none when rows is 0. */
+static void next_part(const struct block_job *job, const struct tile *tile, struct part *part)
+{
+	const size_t at = part->at + part->rows, left = tile->rows - at;
+	const size_t view_row = part->view_row + dvsm_group_rows(part->view_tokens);
+
+	*part = (struct part){.at = at, .view = part->view + 1, .view_row = view_row};
+	if (left == 0)
+		return;
+	part->view_tokens = tokens_of(job->group, part->view);
+	part->rows = left < part->view_tokens ? left : part->view_tokens;
 }
 
 /* ---- a tile's places ---- */
 
 static float *residual(const struct dvsm_run *run, const struct tile *tile)
 {
-	return run->work.x + (tile->view_token + tile->first) * run->model->config.dim;
+	return run->work.x + tile->token * run->model->config.dim;
 }
 
 static void *normed(const struct dvsm_run *run, const struct tile *tile)
 {
-	return dvsm_run_left(run, run->work.normed, tile->view_row + tile->first, 0,
-			     run->model->config.dim);
+	return dvsm_run_left(run, run->work.normed, tile->row, 0, run->model->config.dim);
 }
 
 /* Queries; hidden numbers. */
 static float *wide(const struct dvsm_run *run, const struct tile *tile)
 {
-	return run->work.wide + (tile->view_row + tile->first) * run->work.wide_width;
+	return run->work.wide + tile->row * run->work.wide_width;
 }
 
 /* Keys and values, behind the queries. */
@@ -93,15 +160,15 @@ static float *wide_keys(const struct dvsm_run *run, const struct tile *tile)
 	return wide(run, tile) + dvsm_group_rows(tile->rows) * run->model->config.dim;
 }
 
-/* Keys and values of the tile's view. */
-static struct dvsm_heads own_heads(const struct dvsm_run *run, const struct tile *tile)
+/* Keys and values of a view that begins in this row of the workspace. */
+static struct dvsm_heads own_heads(const struct dvsm_run *run, size_t view_row, size_t view_tokens)
 {
-	const size_t at = tile->view_row * run->model->config.dim;
+	const size_t at = view_row * run->model->config.dim;
 
 	return (struct dvsm_heads){
 		dvsm_run_number(run, run->work.keys, at),
 		dvsm_run_number(run, run->work.values, at),
-		tile->view_tokens,
+		view_tokens,
 	};
 }
 
@@ -121,24 +188,22 @@ static void trace_rows(const struct dvsm_run *run, const struct tile *tile,
 		       const float *x, size_t width)
 {
 	if (run->trace)
-		dvsm_trace_floats(run->trace, half_of(run, weights), what,
-				  tile->view_token + tile->first, x, tile->rows, width);
+		dvsm_trace_floats(run->trace, half_of(run, weights), what, tile->token, x,
+				  tile->rows, width);
 }
 
 /* Keys and values within each view. */
 static void trace_own_heads(const struct dvsm_run *run, uint32_t layer,
 			    const struct dvsm_group *group)
 {
-	struct tile view = {0};
+	size_t row = 0;
 
 	for (uint32_t v = 0; run->trace && v < group->views; v++) {
-		view.view_tokens = tokens_of(group, v);
-
-		const struct dvsm_heads own = own_heads(run, &view);
+		const struct dvsm_heads own = own_heads(run, row, tokens_of(group, v));
 
 		dvsm_trace_float_heads(run->trace, 2 * (size_t)layer, group->first_token[v],
 				       own.keys, own.values, own.total);
-		view.view_row += dvsm_group_rows(view.view_tokens);
+		row += dvsm_group_rows(own.total);
 	}
 }
 
@@ -150,24 +215,31 @@ static void norm(const struct dvsm_run *run, const struct tile *tile, const floa
 				 (float)run->model->config.norm_eps, normed(run, tile));
 }
 
-/* Keys (with QK-norm) and values of the tile's normed rows to tokens `first` and on of heads. */
+/* Keys and values of the tile's normed rows, before QK-norm. */
 static void project_keys(const struct dvsm_run *run, const struct tile *tile,
-			 const struct dvsm_half_weights *weights, const struct dvsm_heads *heads,
-			 size_t first)
+			 const struct dvsm_half_weights *weights)
+{
+	dvsm_rows_product(run, normed(run, tile), tile->rows, &weights->key_value,
+			  wide_keys(run, tile), 2 * (size_t)run->model->config.dim,
+			  DVSM_EPILOGUE_STORE);
+}
+
+/* Those of rows at .. at + rows - 1, with QK-norm, to tokens `first` and on of heads. */
+static void store_keys(const struct dvsm_run *run, const struct tile *tile,
+		       const struct dvsm_half_weights *weights, size_t at, size_t rows,
+		       const struct dvsm_heads *heads, size_t first)
 {
 	const struct dvsm_model_config *config = &run->model->config;
 	const size_t dim = config->dim, head_dim = dim / config->heads;
-	float *kv = wide_keys(run, tile);
+	const float *kv = wide_keys(run, tile) + at * 2 * dim;
 
-	dvsm_rows_product(run, normed(run, tile), tile->rows, &weights->key_value, kv, 2 * dim,
-			  DVSM_EPILOGUE_STORE);
 	for (size_t h = 0; h < config->heads; h++) {
 		size_t to = (h * heads->total + first) * head_dim;
 
-		run->kernels->key_norm(kv + h * head_dim, 2 * dim, tile->rows, head_dim,
-				       weights->k_norm, (float)config->norm_eps,
+		run->kernels->key_norm(kv + h * head_dim, 2 * dim, rows, head_dim, weights->k_norm,
+				       (float)config->norm_eps,
 				       dvsm_run_number(run, heads->keys, to), head_dim);
-		run->kernels->convert(kv + dim + h * head_dim, 2 * dim, tile->rows, head_dim,
+		run->kernels->convert(kv + dim + h * head_dim, 2 * dim, rows, head_dim,
 				      dvsm_run_number(run, heads->values, to), head_dim);
 	}
 }
@@ -209,19 +281,39 @@ static void attend_head(const struct dvsm_run *run, const struct tile *tile,
 	run->kernels->attention(&job);
 }
 
-/* x += Wo attention(queries, heads); x += down(GELU(up(LN(x)))). */
-static void attend_and_mix(const struct dvsm_run *run, const struct tile *tile,
-			   const struct dvsm_half_weights *weights, const struct dvsm_heads *heads,
-			   uint32_t worker)
+/* Attention of rows at .. at + rows - 1 of the tile, into its normed rows. */
+static void attend(const struct dvsm_run *run, const struct tile *tile,
+		   const struct dvsm_half_weights *weights, const struct dvsm_heads *heads,
+		   size_t at, size_t rows, uint32_t worker)
 {
-	const size_t dim = run->model->config.dim, most = run->kernels->attention_queries;
+	const size_t most = run->kernels->attention_queries;
 
 	for (size_t h = 0; h < run->model->config.heads; h++) {
-		for (size_t i = 0; i < dvsm_tiles(tile->rows, most); i++)
-			attend_head(run, tile, weights, heads, h, i * most,
-				    dvsm_tile_length(tile->rows, most, i),
-				    dvsm_run_scratch(run, worker));
+		for (size_t i = 0; i < dvsm_tiles(rows, most); i++)
+			attend_head(run, tile, weights, heads, h, at + i * most,
+				    dvsm_tile_length(rows, most, i), dvsm_run_scratch(run, worker));
 	}
+}
+
+static void attend_within_views(const struct block_job *job, const struct tile *tile,
+				uint32_t worker)
+{
+	const struct dvsm_half_weights *weights = &job->run->weights->blocks[job->layer].intra;
+	struct part part;
+
+	for (part = first_part(job, tile); part.rows > 0; next_part(job, tile, &part)) {
+		const struct dvsm_heads own = own_heads(job->run, part.view_row, part.view_tokens);
+
+		attend(job->run, tile, weights, &own, part.at, part.rows, worker);
+	}
+}
+
+/* x += Wo normed; x += down(GELU(up(LN(x)))). */
+static void mix(const struct dvsm_run *run, const struct tile *tile,
+		const struct dvsm_half_weights *weights)
+{
+	const size_t dim = run->model->config.dim;
+
 	trace_rows(run, tile, weights, DVSM_TRACE_ATTENTION, normed(run, tile), dim);
 	dvsm_rows_product(run, normed(run, tile), tile->rows, &weights->out, residual(run, tile),
 			  dim, DVSM_EPILOGUE_ADD);
@@ -241,11 +333,16 @@ static void keys_task(void *context, size_t index, uint32_t worker)
 	const struct block_job *job = context;
 	const struct dvsm_half_weights *weights = &job->run->weights->blocks[job->layer].intra;
 	const struct tile tile = find_tile(job, index);
-	const struct dvsm_heads own = own_heads(job->run, &tile);
+	struct part part;
 
 	(void)worker;
 	norm(job->run, &tile, weights->norm);
-	project_keys(job->run, &tile, weights, &own, tile.first);
+	project_keys(job->run, &tile, weights);
+	for (part = first_part(job, &tile); part.rows > 0; next_part(job, &tile, &part)) {
+		const struct dvsm_heads own = own_heads(job->run, part.view_row, part.view_tokens);
+
+		store_keys(job->run, &tile, weights, part.at, part.rows, &own, part.first);
+	}
 	project_queries(job->run, &tile, weights);
 }
 
@@ -254,11 +351,12 @@ static void intra_task(void *context, size_t index, uint32_t worker)
 	const struct block_job *job = context;
 	const struct dvsm_block_weights *weights = &job->run->weights->blocks[job->layer];
 	const struct tile tile = find_tile(job, index);
-	const struct dvsm_heads own = own_heads(job->run, &tile);
 
-	attend_and_mix(job->run, &tile, &weights->intra, &own, worker);
+	attend_within_views(job, &tile, worker);
+	mix(job->run, &tile, &weights->intra);
 	norm(job->run, &tile, weights->cross.norm);
-	project_keys(job->run, &tile, &weights->cross, job->cache, tile.view_token + tile.first);
+	project_keys(job->run, &tile, &weights->cross);
+	store_keys(job->run, &tile, &weights->cross, 0, tile.rows, job->cache, tile.token);
 }
 
 static void cross_task(void *context, size_t index, uint32_t worker)
@@ -269,24 +367,24 @@ static void cross_task(void *context, size_t index, uint32_t worker)
 
 	norm(job->run, &tile, weights->norm);
 	project_queries(job->run, &tile, weights);
-	attend_and_mix(job->run, &tile, weights, job->cache, worker);
+	attend(job->run, &tile, weights, job->cache, 0, tile.rows, worker);
+	mix(job->run, &tile, weights);
 }
 
 static void render_task(void *context, size_t index, uint32_t worker)
 {
 	const struct block_job *job = context;
-	const struct dvsm_half_weights *weights = &job->run->weights->blocks[job->layer].intra;
 	const struct tile tile = find_tile(job, index);
-	const struct dvsm_heads own = own_heads(job->run, &tile);
 
-	attend_and_mix(job->run, &tile, weights, &own, worker);
+	attend_within_views(job, &tile, worker);
+	mix(job->run, &tile, &job->run->weights->blocks[job->layer].intra);
 	cross_task(context, index, worker);
 }
 
 static void run_tiles(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
 		      const struct dvsm_heads *cache, dvsm_task_fn *task)
 {
-	struct block_job job = {run, group, layer, cache};
+	struct block_job job = {run, group, layer, cache, even_tokens(group)};
 
 	dvsm_pool_run(run->pool, count_tiles(&job), task, &job);
 }

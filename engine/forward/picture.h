@@ -2,15 +2,10 @@
 #ifndef DVSM_FORWARD_PICTURE_H
 #define DVSM_FORWARD_PICTURE_H
 
+#include "dvsm/engine.h"
 #include "forward/steps.h"
 #include "geometry/rays.h"
 #include "geometry/resample.h"
-
-/** Where a picture goes: to one of the two. */
-struct dvsm_picture_out {
-	float *rgb;     /* [height][width][3], unclamped */
-	uint8_t *bytes; /* [height][width][3], clamped to 0..1 and rounded */
-};
 
 /**
  * Tokens of one view: x[tokens][D] = LN(W_ray rays [+ W_rgb (2 rgb - 1)]).

@@ -1,3 +1,4 @@
+#include <stdio.h>
 #include <string.h>
 
 #include "base/error.h"
@@ -8,11 +9,17 @@
 #include "geometry/pose.h"
 #include "scene/scene_internal.h"
 
+/* Most viewpoints that are worked at in one go. */
+#define TOGETHER 16u
+
+/* Tokens of a thread's share with which it reads weights seldom enough. */
+#define SHARE_TOKENS 256u
+
 static enum dvsm_status check(const struct dvsm_engine *engine, const struct dvsm_scene *scene,
-			      const struct dvsm_camera *camera, uint32_t *patch_px,
+			      const struct dvsm_camera *cameras, uint32_t *patch_px,
 			      struct dvsm_error *error)
 {
-	if (!engine || !scene || !camera)
+	if (!engine || !scene || !cameras)
 		return dvsm_fail(error, DVSM_BAD_ARG,
 				 "render: an engine, a scene and a camera are needed");
 	const char *own = dvsm_scene_model_of(engine->model, scene->precision);
@@ -32,33 +39,102 @@ static enum dvsm_status check(const struct dvsm_engine *engine, const struct dvs
 	return dvsm_engine_check_patch(engine, patch_px, error);
 }
 
+static struct dvsm_grouping grouping_of(const struct dvsm_engine *engine)
+{
+	return engine->fixed ? DVSM_FIXED_GROUPING : DVSM_GROUPING;
+}
+
+static struct dvsm_patch_plan plan_of(const struct dvsm_engine *engine,
+				      const struct dvsm_camera *camera, uint32_t patch_px)
+{
+	return dvsm_patch_plan_make(camera->width, camera->height, engine->model->config.patch_px,
+				    patch_px);
+}
+
+/* The first of some viewpoints that are worked at in one go; first_token has room for TOGETHER. */
+static struct dvsm_group group_of(const struct dvsm_engine *engine,
+				  const struct dvsm_camera *cameras, uint32_t count,
+				  uint32_t patch_px, size_t *first_token)
+{
+	const uint32_t most = count < TOGETHER ? count : TOGETHER;
+
+	first_token[0] = 0;
+	for (uint32_t v = 0; v < most; v++)
+		first_token[v + 1] =
+			first_token[v] +
+			dvsm_token_grid_count(plan_of(engine, &cameras[v], patch_px).grid);
+	return dvsm_group_from(first_token, most, 0, grouping_of(engine));
+}
+
+uint32_t dvsm_render_batch_size(const struct dvsm_engine *engine, const struct dvsm_camera *camera,
+				uint32_t patch_px)
+{
+	size_t first_token[TOGETHER + 1];
+	size_t tokens, wanted;
+
+	if (dvsm_engine_check_patch(engine, &patch_px, NULL) != DVSM_OK ||
+	    dvsm_engine_check_size(camera, NULL) != DVSM_OK)
+		return 1;
+	tokens = group_of(engine, camera, 1, patch_px, first_token).first_token[1];
+	wanted = SHARE_TOKENS * (size_t)dvsm_pool_get_threads(engine->pool);
+	if (wanted > grouping_of(engine).most)
+		wanted = grouping_of(engine).most;
+	if (wanted < 2 * tokens)
+		return 1;
+	return wanted / tokens < TOGETHER ? (uint32_t)(wanted / tokens) : TOGETHER;
+}
+
+/* Room for each of the groups that the viewpoints make. */
+static enum dvsm_status reserve(struct dvsm_engine *engine, const struct dvsm_camera *cameras,
+				uint32_t count, uint32_t patch_px, struct dvsm_error *error)
+{
+	size_t first_token[TOGETHER + 1];
+	enum dvsm_status status = DVSM_OK;
+	struct dvsm_group group;
+
+	for (uint32_t at = 0; status == DVSM_OK && at < count; at += group.views) {
+		group = group_of(engine, cameras + at, count - at, patch_px, first_token);
+		status = dvsm_engine_reserve(engine, cameras + at, group.views, patch_px, error);
+	}
+	return status;
+}
+
+enum dvsm_status dvsm_render_batch_reserve(struct dvsm_engine *engine,
+					   const struct dvsm_scene *scene,
+					   const struct dvsm_camera *cameras, uint32_t count,
+					   uint32_t patch_px, struct dvsm_error *error)
+{
+	enum dvsm_status status = check(engine, scene, cameras, &patch_px, error);
+
+	for (uint32_t i = 0; status == DVSM_OK && i < count; i++)
+		status = dvsm_engine_check_size(&cameras[i], error);
+	if (status == DVSM_OK)
+		status = reserve(engine, cameras, count, patch_px, error);
+	return status;
+}
+
 enum dvsm_status dvsm_render_reserve(struct dvsm_engine *engine, const struct dvsm_scene *scene,
 				     const struct dvsm_camera *target, uint32_t patch_px,
 				     struct dvsm_error *error)
 {
-	enum dvsm_status status = check(engine, scene, target, &patch_px, error);
-
-	if (status == DVSM_OK)
-		status = dvsm_engine_check_size(target, error);
-	if (status == DVSM_OK)
-		status = dvsm_engine_reserve(engine, target, 1, patch_px, error);
-	return status;
+	return dvsm_render_batch_reserve(engine, scene, target, 1, patch_px, error);
 }
 
 static void run_stage(struct dvsm_engine *engine, const struct dvsm_scene *scene,
-		      const struct dvsm_camera *camera, const struct dvsm_patch_plan *plan,
+		      const struct dvsm_group *group, const struct dvsm_camera *cameras,
 		      uint32_t patch_px, const struct dvsm_picture_out *out)
 {
-	struct dvsm_run run = dvsm_engine_begin(engine, camera, 1, patch_px);
+	struct dvsm_run run = dvsm_engine_begin(engine, cameras, group->views, patch_px);
 	const struct dvsm_model_config *config = &run.model->config;
-	const size_t tokens = dvsm_token_grid_count(plan->grid);
-	struct dvsm_ray_map map =
-		dvsm_ray_map_prepare(camera, &scene->normalisation, config->patch_px, patch_px);
 
-	const size_t first_token[] = {0, tokens};
-	const struct dvsm_group group = {first_token, 1};
+	for (uint32_t v = 0; v < group->views; v++) {
+		struct dvsm_patch_plan plan = plan_of(engine, &cameras[v], patch_px);
+		struct dvsm_ray_map map = dvsm_ray_map_prepare(&cameras[v], &scene->normalisation,
+							       config->patch_px, patch_px);
 
-	dvsm_picture_embed(&run, &map, plan, NULL, run.work.x);
+		dvsm_picture_embed(&run, &map, &plan, NULL,
+				   run.work.x + group->first_token[v] * config->dim);
+	}
 	for (uint32_t layer = 0; layer < config->layers; layer++) {
 		const struct dvsm_heads cache = {
 			dvsm_scene_keys(scene, layer, 0),
@@ -66,45 +142,82 @@ static void run_stage(struct dvsm_engine *engine, const struct dvsm_scene *scene
 			scene->tokens,
 		};
 
-		dvsm_block_render(&run, layer, &group, &cache);
+		dvsm_block_render(&run, layer, group, &cache);
 	}
-	dvsm_picture_write(&run, plan, run.work.x, out);
+	for (uint32_t v = 0; v < group->views; v++) {
+		struct dvsm_patch_plan plan = plan_of(engine, &cameras[v], patch_px);
+
+		dvsm_picture_write(&run, &plan, run.work.x + group->first_token[v] * config->dim,
+				   &out[v]);
+	}
 }
 
-static enum dvsm_status render(struct dvsm_engine *engine, const struct dvsm_scene *scene,
-			       const struct dvsm_camera *camera, uint32_t patch_px,
-			       const struct dvsm_picture_out *out, struct dvsm_stats *stats,
-			       struct dvsm_error *error)
+/* "target camera", or which one of several. */
+struct name {
+	char text[40];
+};
+
+static struct name name_of(uint32_t index, uint32_t count)
+{
+	struct name name = {"target camera"};
+
+	if (count > 1)
+		snprintf(name.text, sizeof(name.text), "target camera %u", index);
+	return name;
+}
+
+/* Everything that can be refused. */
+static enum dvsm_status check_batch(const struct dvsm_engine *engine,
+				    const struct dvsm_scene *scene,
+				    const struct dvsm_camera *cameras, uint32_t count,
+				    uint32_t *patch_px, const struct dvsm_picture_out *out,
+				    struct dvsm_error *error)
+{
+	enum dvsm_status status = check(engine, scene, cameras, patch_px, error);
+
+	if (status == DVSM_OK && (count == 0 || !out))
+		return dvsm_fail(error, DVSM_BAD_ARG, "render: no viewpoint, or no pictures");
+	for (uint32_t i = 0; status == DVSM_OK && i < count; i++) {
+		if (!out[i].rgb && !out[i].bytes)
+			return dvsm_fail(error, DVSM_BAD_ARG, "render: no place for the picture");
+		status = dvsm_target_check(&cameras[i], &scene->normalisation,
+					   name_of(i, count).text, error);
+	}
+	return status;
+}
+
+enum dvsm_status dvsm_render_batch(struct dvsm_engine *engine, const struct dvsm_scene *scene,
+				   const struct dvsm_camera *cameras, uint32_t count,
+				   uint32_t patch_px, const struct dvsm_picture_out *out,
+				   struct dvsm_stats *stats, struct dvsm_error *error)
 {
 	uint64_t start_ns = dvsm_engine_now_ns();
-	enum dvsm_status status = check(engine, scene, camera, &patch_px, error);
+	enum dvsm_status status = check_batch(engine, scene, cameras, count, &patch_px, out, error);
+	size_t first_token[TOGETHER + 1], tokens = 0;
+	_Atomic uint64_t clamped = 0;
+	struct dvsm_group group;
 
-	if (status == DVSM_OK && !out->rgb && !out->bytes)
-		status = dvsm_fail(error, DVSM_BAD_ARG, "render: no place for the picture");
 	if (status == DVSM_OK)
-		status = dvsm_target_check(camera, &scene->normalisation, "target camera", error);
-	if (status == DVSM_OK)
-		status = dvsm_engine_reserve(engine, camera, 1, patch_px, error);
+		status = reserve(engine, cameras, count, patch_px, error);
 	if (status != DVSM_OK)
 		return status;
+	for (uint32_t at = 0; at < count; at += group.views) {
+		group = group_of(engine, cameras + at, count - at, patch_px, first_token);
+		tokens += first_token[group.views];
+		if (engine->fixed) {
+			struct dvsm_fixed_run run = dvsm_engine_begin_fixed(engine, cameras + at,
+									    group.views, patch_px);
 
-	struct dvsm_patch_plan plan = dvsm_patch_plan_make(
-		camera->width, camera->height, engine->model->config.patch_px, patch_px);
-
-	_Atomic uint64_t clamped = 0;
-
-	if (engine->fixed) {
-		struct dvsm_fixed_run run = dvsm_engine_begin_fixed(engine, camera, 1, patch_px);
-
-		run.clamped = &clamped;
-		dvsm_fixed_render(&run, scene, camera, &plan, patch_px, out);
-	} else {
-		run_stage(engine, scene, camera, &plan, patch_px, out);
+			run.clamped = &clamped;
+			dvsm_fixed_render(&run, scene, &group, cameras + at, patch_px, out + at);
+		} else {
+			run_stage(engine, scene, &group, cameras + at, patch_px, out + at);
+		}
 	}
 	if (stats) {
 		*stats = (struct dvsm_stats){
 			.views = scene->views,
-			.tokens = (uint32_t)dvsm_token_grid_count(plan.grid),
+			.tokens = (uint32_t)tokens,
 			.keys = scene->tokens,
 			.time_ns = dvsm_engine_now_ns() - start_ns,
 			.saturated = clamped,
@@ -121,7 +234,7 @@ enum dvsm_status dvsm_render(struct dvsm_engine *engine, const struct dvsm_scene
 {
 	const struct dvsm_picture_out picture = {.rgb = out};
 
-	return render(engine, scene, camera, patch_px, &picture, stats, error);
+	return dvsm_render_batch(engine, scene, camera, 1, patch_px, &picture, stats, error);
 }
 
 enum dvsm_status dvsm_render_rgb8(struct dvsm_engine *engine, const struct dvsm_scene *scene,
@@ -130,5 +243,5 @@ enum dvsm_status dvsm_render_rgb8(struct dvsm_engine *engine, const struct dvsm_
 {
 	const struct dvsm_picture_out picture = {.bytes = out};
 
-	return render(engine, scene, camera, patch_px, &picture, stats, error);
+	return dvsm_render_batch(engine, scene, camera, 1, patch_px, &picture, stats, error);
 }

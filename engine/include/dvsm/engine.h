@@ -175,6 +175,50 @@ DVSM_API enum dvsm_status dvsm_render_rgb8(struct dvsm_engine *engine,
 					   uint8_t *out, struct dvsm_stats *stats,
 					   struct dvsm_error *error);
 
+/** Where a picture goes: to one of the two, [height][width][3], caller's memory. */
+struct dvsm_picture_out {
+	float *rgb;     /* unclamped */
+	uint8_t *bytes; /* clamped to 0..1 and rounded: 255 rgb, halves up */
+};
+
+/**
+ * How many viewpoints of a camera's size dvsm_render_batch() is best given at once: enough for 256
+ * tokens a thread, at most 16, and no more than are worked at in one go (see below). With fewer
+ * than two, views are large enough one by one, and it is 1.
+ */
+DVSM_API uint32_t dvsm_render_batch_size(const struct dvsm_engine *engine,
+					 const struct dvsm_camera *camera, uint32_t patch_px);
+
+/**
+ * Reserve the workspace for a batch of these, so that dvsm_render_batch() allocates nothing. It has
+ * room for the viewpoints that are worked at in one go, of together at most 2048 tokens, in fixed
+ * 512, unless one has more by itself: about 32 D bytes a token, in fixed 46 D.
+ *
+ * cameras  [count], as there
+ */
+DVSM_API enum dvsm_status dvsm_render_batch_reserve(struct dvsm_engine *engine,
+						    const struct dvsm_scene *scene,
+						    const struct dvsm_camera *cameras,
+						    uint32_t count, uint32_t patch_px,
+						    struct dvsm_error *error);
+
+/**
+ * Render several viewpoints: the same bits as one by one, with weights and the scene read less
+ * often and the work shared more evenly among the threads.
+ *
+ * cameras  [count], count >= 1; they may differ in size
+ * out      [count]
+ * stats    NULL, or of all of them together
+ *
+ * Otherwise as dvsm_render(); one that is refused keeps all from being rendered, and the text says
+ * which.
+ */
+DVSM_API enum dvsm_status dvsm_render_batch(struct dvsm_engine *engine,
+					    const struct dvsm_scene *scene,
+					    const struct dvsm_camera *cameras, uint32_t count,
+					    uint32_t patch_px, const struct dvsm_picture_out *out,
+					    struct dvsm_stats *stats, struct dvsm_error *error);
+
 /** What precisions are compared on: a scene, reconstructed, and some of its viewpoints, rendered.
  */
 struct dvsm_measure_job {

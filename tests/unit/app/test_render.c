@@ -193,6 +193,29 @@ static void a_path_becomes_a_film_of_its_name(void **state)
 	fixture_expect_refusal(&run, 1, "walk.tum|line 2");
 }
 
+/* --raw renders them one at a time. */
+static void pictures_of_a_path_are_those_of_one_at_a_time(void **state)
+{
+	char model[FIXTURE_PATH_SIZE], scene[FIXTURE_PATH_SIZE], *alone, *together;
+
+	(void)state;
+	if (!find_tiny(model, scene))
+		skip();
+	fixture_diorama(&run, "render", "--model", model, "--scene", scene, "--path", "orbit",
+			"--frames", "7", "--raw", "--hash", "--threads", "1", "--out",
+			fixture_path("hashes"), NULL);
+	expect_success();
+	alone = strdup(strchr(run.out, '\n'));
+	fixture_diorama(&run, "render", "--model", model, "--scene", scene, "--path", "orbit",
+			"--frames", "7", "--hash", "--threads", "2", "--out",
+			fixture_path("hashes"), NULL);
+	expect_success();
+	together = strchr(run.out, '\n');
+	assert_non_null(strstr(together, "cache"));
+	assert_string_equal(together, alone);
+	free(alone);
+}
+
 static void pictures_are_called_after_their_targets(void **state)
 {
 	char model[FIXTURE_PATH_SIZE], text[2048];
@@ -257,6 +280,7 @@ int main(void)
 		cmocka_unit_test(a_scene_cache_renders_the_same_bytes_on_any_number_of_threads),
 		cmocka_unit_test(a_cache_of_another_model_is_refused),
 		cmocka_unit_test(a_path_becomes_a_film_of_its_name),
+		cmocka_unit_test(pictures_of_a_path_are_those_of_one_at_a_time),
 		cmocka_unit_test(pictures_are_called_after_their_targets),
 		cmocka_unit_test(quantize_compares_layers_on_a_scene),
 	};
