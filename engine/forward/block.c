@@ -26,7 +26,7 @@ struct block_job {
 	const struct dvsm_group *group;
 	uint32_t layer;
 	const struct dvsm_heads *cache;
-	size_t even; /* tokens of each view where all have as many and no row is empty; or 0 */
+	size_t dense; /* rows of the group where its views lie side by side; 0 where they do not */
 };
 
 static size_t tokens_of(const struct dvsm_group *group, uint32_t view)
@@ -34,14 +34,19 @@ static size_t tokens_of(const struct dvsm_group *group, uint32_t view)
 	return group->first_token[view + 1] - group->first_token[view];
 }
 
-static size_t even_tokens(const struct dvsm_group *group)
+/* A left side in tiles wants each view to begin with a whole strip. */
+static size_t dense_rows(const struct dvsm_run *run, const struct dvsm_group *group)
 {
-	const size_t tokens = tokens_of(group, 0);
-
-	for (uint32_t v = 0; v < group->views; v++)
-		if (tokens_of(group, v) != tokens || dvsm_group_rows(tokens) != tokens)
+	for (uint32_t v = 0; run->kernels->tiled && v < group->views; v++)
+		if (dvsm_group_rows(tokens_of(group, v)) != tokens_of(group, v))
 			return 0;
-	return tokens;
+	return group->first_token[group->views] - group->first_token[0];
+}
+
+/* Rows that a view takes of the workspace. */
+static size_t rows_of(const struct dvsm_run *run, size_t tokens)
+{
+	return run->kernels->tiled ? dvsm_group_rows(tokens) : tokens;
 }
 
 /* Rows of a tile, of `shares` or multiples of that: the more rows, the less often weights are read.
@@ -63,8 +68,8 @@ static size_t tile_size(const struct block_job *job, size_t view_tokens)
 {
 	const size_t threads = dvsm_pool_get_threads(job->run->pool);
 
-	if (job->even)
-		return share_rows(job->group->views * job->even, threads);
+	if (job->dense)
+		return share_rows(job->dense, threads);
 	return share_rows(view_tokens, job->group->views % threads == 0 ? 1 : threads);
 }
 
@@ -72,8 +77,8 @@ static size_t count_tiles(const struct block_job *job)
 {
 	size_t count = 0;
 
-	if (job->even)
-		return dvsm_tiles(job->group->views * job->even, tile_size(job, job->even));
+	if (job->dense)
+		return dvsm_tiles(job->dense, tile_size(job, 0));
 	for (uint32_t v = 0; v < job->group->views; v++) {
 		size_t tokens = tokens_of(job->group, v);
 
@@ -82,22 +87,24 @@ static size_t count_tiles(const struct block_job *job)
 	return count;
 }
 
-static struct tile find_even_tile(const struct block_job *job, size_t index)
+static struct tile find_dense_tile(const struct block_job *job, size_t index)
 {
-	const size_t rows = job->group->views * job->even, size = tile_size(job, job->even);
-	const size_t row = index * size;
+	const size_t *first_token = job->group->first_token;
+	const size_t size = tile_size(job, 0), row = index * size, token = first_token[0] + row;
+	uint32_t view = 0;
 
-	return (struct tile){row, job->group->first_token[0] + row,
-			     dvsm_tile_length(rows, size, index), (uint32_t)(row / job->even),
-			     row % job->even};
+	while (token >= first_token[view + 1])
+		view++;
+	return (struct tile){row, token, dvsm_tile_length(job->dense, size, index), view,
+			     token - first_token[view]};
 }
 
 static struct tile find_tile(const struct block_job *job, size_t index)
 {
 	size_t row = 0;
 
-	if (job->even)
-		return find_even_tile(job, index);
+	if (job->dense)
+		return find_dense_tile(job, index);
 	for (uint32_t v = 0;; v++) {
 		size_t tokens = tokens_of(job->group, v), size = tile_size(job, tokens);
 		size_t tiles = dvsm_tiles(tokens, size), first = index * size;
@@ -127,7 +134,7 @@ static struct part first_part(const struct block_job *job, const struct tile *ti
 static void next_part(const struct block_job *job, const struct tile *tile, struct part *part)
 {
 	const size_t at = part->at + part->rows, left = tile->rows - at;
-	const size_t view_row = part->view_row + dvsm_group_rows(part->view_tokens);
+	const size_t view_row = part->view_row + rows_of(job->run, part->view_tokens);
 
 	*part = (struct part){.at = at, .view = part->view + 1, .view_row = view_row};
 	if (left == 0)
@@ -157,7 +164,7 @@ static float *wide(const struct dvsm_run *run, const struct tile *tile)
 /* Keys and values, behind the queries. */
 static float *wide_keys(const struct dvsm_run *run, const struct tile *tile)
 {
-	return wide(run, tile) + dvsm_group_rows(tile->rows) * run->model->config.dim;
+	return wide(run, tile) + tile->rows * run->model->config.dim;
 }
 
 /* Keys and values of a view that begins in this row of the workspace. */
@@ -203,7 +210,7 @@ static void trace_own_heads(const struct dvsm_run *run, uint32_t layer,
 
 		dvsm_trace_float_heads(run->trace, 2 * (size_t)layer, group->first_token[v],
 				       own.keys, own.values, own.total);
-		row += dvsm_group_rows(own.total);
+		row += rows_of(run, own.total);
 	}
 }
 
@@ -384,7 +391,7 @@ static void render_task(void *context, size_t index, uint32_t worker)
 static void run_tiles(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
 		      const struct dvsm_heads *cache, dvsm_task_fn *task)
 {
-	struct block_job job = {run, group, layer, cache, even_tokens(group)};
+	struct block_job job = {run, group, layer, cache, dense_rows(run, group)};
 
 	dvsm_pool_run(run->pool, count_tiles(&job), task, &job);
 }
