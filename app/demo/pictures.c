@@ -22,39 +22,66 @@ static enum dio_status copy_picture(const struct dio_picture *from, struct dio_p
 	return status;
 }
 
-/* Render the path into the video; every so manyth picture is kept. */
+/* One picture of the path into the video; every so manyth is kept. */
+static enum dio_status put_picture(struct dio_demo *demo, uint32_t index, uint32_t step,
+				   const struct dio_picture *picture, struct dio_video *video,
+				   struct dio_error *error)
+{
+	enum dio_status status = dio_video_append(video, picture, error);
+
+	if (status != DIO_OK || index % step != 0)
+		return status;
+	status = copy_picture(picture, &demo->orbit[demo->orbit_count]);
+	if (status != DIO_OK)
+		return dio_fail(error, status, "no memory for the contact sheet");
+	demo->orbit_count++;
+	return DIO_OK;
+}
+
+/* As many pictures of the path as are best rendered at once, from `first` on; *count says how many.
+ */
+static enum dio_status render_some(struct dio_demo *demo, const struct dio_trajectory *path,
+				   uint32_t first, struct dio_picture *pictures, uint32_t *count,
+				   uint64_t *sum_ns, struct dio_error *error)
+{
+	const struct dio_camera_model *camera = &demo->set.context[0].camera;
+	const struct dio_camera_model *cameras[DIO_BATCH_MAX];
+	const struct dio_pose *poses[DIO_BATCH_MAX];
+	uint32_t some = dio_session_batch_size(demo->session, camera);
+	struct dvsm_stats stats = {0};
+	enum dio_status status;
+
+	some = path->count - first < some ? path->count - first : some;
+	for (uint32_t i = 0; i < some; i++) {
+		cameras[i] = camera;
+		poses[i] = &path->poses[first + i];
+	}
+	status = dio_session_render_batch(demo->session, cameras, poses, some, pictures, &stats,
+					  error);
+	*sum_ns += stats.time_ns;
+	*count = some;
+	return status;
+}
+
 static enum dio_status render_path(struct dio_demo *demo, const struct dio_trajectory *path,
 				   struct dio_video *video, struct dio_error *error)
 {
-	const struct dio_camera_model *camera = &demo->set.context[0].camera;
 	uint32_t step = (path->count + ROW_CELLS_MAX - 1) / ROW_CELLS_MAX;
-	struct dio_picture picture = {0};
+	struct dio_picture pictures[DIO_BATCH_MAX] = {0};
 	struct dio_progress progress;
 	enum dio_status status = DIO_OK;
 	uint64_t sum_ns = 0;
 
 	dio_progress_init(&progress, "rendering the orbit");
-	for (uint32_t i = 0; i < path->count && status == DIO_OK; i++) {
-		struct dvsm_stats stats;
-
-		status = dio_session_render_picture(demo->session, camera, &path->poses[i],
-						    &picture, &stats, error);
-		if (status == DIO_OK)
-			status = dio_video_append(video, &picture, error);
-		if (status != DIO_OK)
-			break;
-		sum_ns += stats.time_ns;
-		if (i % step == 0) {
-			status = copy_picture(&picture, &demo->orbit[demo->orbit_count]);
-			if (status == DIO_OK)
-				demo->orbit_count++;
-			else
-				dio_fail(error, status, "no memory for the contact sheet");
-		}
-		dio_progress_update(&progress, (double)(i + 1) / path->count);
+	for (uint32_t at = 0, count; at < path->count && status == DIO_OK; at += count) {
+		status = render_some(demo, path, at, pictures, &count, &sum_ns, error);
+		for (uint32_t i = 0; i < count && status == DIO_OK; i++)
+			status = put_picture(demo, at + i, step, &pictures[i], video, error);
+		dio_progress_update(&progress, (double)(at + count) / path->count);
 	}
 	dio_progress_done(&progress);
-	dio_picture_deinit(&picture);
+	for (uint32_t i = 0; i < DIO_BATCH_MAX; i++)
+		dio_picture_deinit(&pictures[i]);
 	demo->orbit_render_ns = path->count > 0 ? sum_ns / path->count : 0;
 	return status;
 }
