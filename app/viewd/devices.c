@@ -67,6 +67,7 @@ static int on_display(sd_event_source *source, int fd, uint32_t events, void *co
 	struct dio_display_event event;
 	struct dio_error why = {""};
 	enum dio_status status;
+	bool changed = false;
 
 	(void)source;
 	(void)fd;
@@ -75,7 +76,7 @@ static int on_display(sd_event_source *source, int fd, uint32_t events, void *co
 		if (event.kind == DIO_DISPLAY_FLIPPED)
 			take_flip(viewd, &event);
 		else if (event.kind == DIO_DISPLAY_CHANGED)
-			dio_display_get_info(viewd->display, &viewd->display_info);
+			changed = true;
 		else if (event.kind == DIO_DISPLAY_KEY && viewd->buttons)
 			dio_buttons_feed_key(viewd->buttons, event.key, event.pressed,
 					     event.time_ns);
@@ -85,6 +86,9 @@ static int on_display(sd_event_source *source, int fd, uint32_t events, void *co
 	if (status != DIO_AGAIN) {
 		complain(viewd, DISPLAY, &why);
 		close_display(viewd);
+	} else if (changed) {
+		dio_display_get_info(viewd->display, &viewd->display_info);
+		dio_viewd_show_again(viewd);
 	}
 	return 0;
 }
@@ -154,6 +158,8 @@ static void open_display(struct dio_viewd *viewd)
 	if (!watch(viewd, DISPLAY, &viewd->display_source, dio_display_get_fd(viewd->display),
 		   on_display))
 		close_display(viewd);
+	else
+		dio_viewd_show_again(viewd);
 }
 
 static void open_buttons(struct dio_viewd *viewd)

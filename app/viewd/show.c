@@ -135,7 +135,9 @@ static void compose(struct dio_viewd *viewd)
 {
 	struct dio_viewd_compose *job = &viewd->compose;
 	const struct dio_picture *shown = dio_viewd_get_shown(viewd);
+	uint64_t taken_ns;
 
+	viewd->composed = true;
 	viewd->page.stale = true;
 	if (!has_display(viewd))
 		return;
@@ -148,8 +150,11 @@ static void compose(struct dio_viewd *viewd)
 	job->height = viewd->display_info.height;
 	job->smooth = viewd->profile->display.smooth;
 	job->with_overlay = viewd->profile->display.overlay;
-	job->taken_ns =
+	taken_ns =
 		shown == &viewd->shot.picture ? viewd->shot.taken_ns : viewd->tracked.timestamp_ns;
+	/* A picture that is shown again says nothing about latency. */
+	job->taken_ns = taken_ns != viewd->composed_taken_ns ? taken_ns : 0;
+	viewd->composed_taken_ns = taken_ns;
 	if (job->with_overlay)
 		describe(viewd, &job->overlay);
 	job->busy = true;
@@ -254,13 +259,7 @@ static void wait_for_frame(struct dio_viewd *viewd)
 
 void dio_viewd_show(struct dio_viewd *viewd)
 {
-	if (viewd->quitting || !viewd->engine_ready || !shows_scene(viewd)) {
-		/* Without a camera nobody else brings the overlay up to date. */
-		if (!viewd->quitting && viewd->tracked.camera != DIO_CAPTURE_STREAMING)
-			compose(viewd);
-		return;
-	}
-	if (!is_watched(viewd))
+	if (viewd->quitting || !viewd->engine_ready || !shows_scene(viewd) || !is_watched(viewd))
 		return;
 	render_next(viewd);
 	if (!viewd->render.busy && dio_clock_ns() < viewd->next_frame_ns)
@@ -273,6 +272,20 @@ void dio_viewd_show_camera(struct dio_viewd *viewd)
 		dio_viewd_show(viewd);
 	else
 		compose(viewd);
+}
+
+void dio_viewd_show_again(struct dio_viewd *viewd)
+{
+	if (!viewd->quitting)
+		compose(viewd);
+}
+
+void dio_viewd_show_tick(struct dio_viewd *viewd)
+{
+	dio_viewd_show(viewd);
+	if (!viewd->composed)
+		dio_viewd_show_again(viewd);
+	viewd->composed = false;
 }
 
 static enum dio_status need_scene(const struct dio_viewd *viewd, struct dio_error *error)

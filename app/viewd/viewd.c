@@ -192,7 +192,7 @@ static int on_tick(sd_event_source *source, uint64_t now_us, void *context)
 
 	dio_viewd_open_devices(viewd);
 	dio_viewd_page_tick(viewd);
-	dio_viewd_show(viewd);
+	dio_viewd_show_tick(viewd);
 	dio_viewd_refresh(viewd);
 	sd_event_source_set_time(source, now_us + TICK_US);
 	return sd_event_source_set_enabled(source, SD_EVENT_ONESHOT);

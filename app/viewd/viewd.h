@@ -110,6 +110,8 @@ struct dio_viewd {
 	sd_event_source *display_source;
 	struct dio_viewd_compose compose;
 	bool picture_waits; /* composing was busy when a picture came */
+	bool composed;      /* since the last tick */
+	uint64_t composed_taken_ns;
 	uint64_t next_tag, tags_taken_ns[DIO_VIEWD_TAGS];
 	struct dio_figures figures;
 
@@ -175,6 +177,10 @@ uint64_t dio_viewd_scene_bytes(const struct dio_viewd *viewd);
 
 /** Bring the next picture on its way, if one is due. */
 void dio_viewd_show(struct dio_viewd *viewd);
+/** Compose the last picture anew: the display is another, or was not there when it came. */
+void dio_viewd_show_again(struct dio_viewd *viewd);
+/** Called four times a second: the overlay goes on when no picture comes. */
+void dio_viewd_show_tick(struct dio_viewd *viewd);
 /** The camera's newest picture is there. */
 void dio_viewd_show_camera(struct dio_viewd *viewd);
 /** Turn the scene by hand; DIO_REFUSED: none is shown. */
