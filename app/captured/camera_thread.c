@@ -326,20 +326,28 @@ static void take_frame(struct dio_camera_thread *thread, const struct dio_frame 
 
 /* No frame in this slice: is the stream dead? A device that never gave one has no signal; one that
  * did is opened anew. */
-static void miss_frame(struct dio_camera_thread *thread, const struct dio_error *error)
+static void miss_frame(struct dio_camera_thread *thread)
 {
-	const uint64_t limit = (uint64_t)thread->settings->stalled_ms * NS_PER_MS;
+	const uint32_t limit_ms = thread->settings->stalled_ms;
+	const struct dio_camera_info *camera = &thread->status.camera;
+	struct dio_error error;
 
-	if (dio_clock_ns() - thread->last_frame_ns < limit)
+	if (dio_clock_ns() - thread->last_frame_ns < limit_ms * NS_PER_MS)
 		return;
+	/* The driver knows of this slice only. */
+	dio_fail(&error, DIO_AGAIN,
+		 "camera %s: no frame for %u ms (%s %ux%u, %" PRIu64
+		 " frames before): is the cable in?",
+		 camera->name, limit_ms, dio_pixel_format_name(camera->format), camera->width,
+		 camera->height, thread->frames);
 	if (thread->frames > 0) {
-		give_up(thread, DIO_AGAIN, error);
+		give_up(thread, DIO_AGAIN, &error);
 		return;
 	}
 	thread->failed = true;
 	close_camera(thread);
 	if (thread->status.state != DIO_CAPTURE_STALLED)
-		set_state(thread, DIO_CAPTURE_NO_SIGNAL, error->text);
+		set_state(thread, DIO_CAPTURE_NO_SIGNAL, error.text);
 }
 
 static void pass_slice(struct dio_camera_thread *thread)
@@ -353,7 +361,7 @@ static void pass_slice(struct dio_camera_thread *thread)
 		take_frame(thread, &frame);
 		break;
 	case DIO_AGAIN:
-		miss_frame(thread, &error);
+		miss_frame(thread);
 		break;
 	case DIO_NO_SIGNAL:
 		thread->last_frame_ns = dio_clock_ns();

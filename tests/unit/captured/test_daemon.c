@@ -78,10 +78,13 @@ static void every_trouble_is_a_state_and_passes(void **state)
 	static const struct {
 		enum script_mode mode;
 		enum dio_capture_state state;
+		const char *text;
 	} troubles[] = {
-		{SCRIPT_SILENT, DIO_CAPTURE_STALLED},  {SCRIPT_NO_SIGNAL, DIO_CAPTURE_NO_SIGNAL},
-		{SCRIPT_BROKEN, DIO_CAPTURE_STALLED},  {SCRIPT_ABSENT, DIO_CAPTURE_UNPLUGGED},
-		{SCRIPT_REFUSED, DIO_CAPTURE_REFUSED},
+		{SCRIPT_SILENT, DIO_CAPTURE_STALLED, "no frame for 2000 ms (GRAY8 64x64, "},
+		{SCRIPT_NO_SIGNAL, DIO_CAPTURE_NO_SIGNAL, "no signal"},
+		{SCRIPT_BROKEN, DIO_CAPTURE_STALLED, "the driver reports an error"},
+		{SCRIPT_ABSENT, DIO_CAPTURE_UNPLUGGED, "plugged"},
+		{SCRIPT_REFUSED, DIO_CAPTURE_REFUSED, "no format"},
 	};
 	struct daemon *daemon = *state;
 
@@ -95,6 +98,7 @@ static void every_trouble_is_a_state_and_passes(void **state)
 		daemon_await_state(daemon, troubles[i].state, 10 * SECOND_NS);
 		dio_ring_client_get_status(daemon->reader, &status);
 		assert_non_null(strstr(status.text, "camera script"));
+		assert_non_null(strstr(status.text, troubles[i].text));
 		script_set(daemon, SCRIPT_STREAM);
 		assert_true(daemon_await_state(daemon, DIO_CAPTURE_STREAMING, 5 * SECOND_NS) <=
 			    RECOVERY_NS);
@@ -105,6 +109,7 @@ static void every_trouble_is_a_state_and_passes(void **state)
 static void a_camera_that_comes_later_or_never_delivered_is_waited_for(void **state)
 {
 	struct daemon *daemon = *state;
+	struct dio_ring_client_status status;
 
 	script_set(daemon, SCRIPT_ABSENT);
 	daemon_start(daemon, NULL);
@@ -112,6 +117,8 @@ static void a_camera_that_comes_later_or_never_delivered_is_waited_for(void **st
 	daemon_await_state(daemon, DIO_CAPTURE_UNPLUGGED, 5 * SECOND_NS);
 	script_set(daemon, SCRIPT_SILENT);
 	daemon_await_state(daemon, DIO_CAPTURE_NO_SIGNAL, 10 * SECOND_NS);
+	dio_ring_client_get_status(daemon->reader, &status);
+	assert_non_null(strstr(status.text, "no frame for 2000 ms (GRAY8 64x64, 0 frames before)"));
 	script_set(daemon, SCRIPT_STREAM);
 	daemon_await_state(daemon, DIO_CAPTURE_STREAMING, 5 * SECOND_NS);
 	script_set(daemon, SCRIPT_END);
