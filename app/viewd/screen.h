@@ -6,6 +6,7 @@
 #include <stdint.h>
 
 #include "capture/board_views.h"
+#include "dio/fit.h"
 #include "dio/frame.h"
 #include "dio/status.h"
 
@@ -26,16 +27,22 @@ struct dio_overlay {
 	uint32_t corner_count;
 };
 
+/** What composing needs: zero-initialise; release with dio_screen_deinit(). */
+struct dio_screen {
+	struct dio_picture canvas; /* the composed picture */
+	struct dio_fit fit;
+};
+
 /**
  * Fit a picture into width x height, proportions kept, black around, and draw the overlay.
  *
  * picture   NULL, or without pixels: black
  * smooth    bilinear; otherwise the nearest pixel
  * overlay   NULL: none
- * canvas    zero-initialised or one of an earlier call
  */
-enum dio_status dio_screen_compose(const struct dio_picture *picture, uint32_t width,
-				   uint32_t height, bool smooth, const struct dio_overlay *overlay,
-				   struct dio_picture *canvas, struct dio_error *error);
+enum dio_status dio_screen_compose(struct dio_screen *screen, const struct dio_picture *picture,
+				   uint32_t width, uint32_t height, bool smooth,
+				   const struct dio_overlay *overlay, struct dio_error *error);
+void dio_screen_deinit(struct dio_screen *screen);
 
 #endif

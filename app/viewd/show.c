@@ -80,9 +80,9 @@ static enum dio_status run_compose(struct dio_job *base, struct dio_error *error
 {
 	struct dio_viewd_compose *compose = (struct dio_viewd_compose *)base;
 
-	return dio_screen_compose(&compose->source, compose->width, compose->height,
-				  compose->smooth, compose->with_overlay ? &compose->overlay : NULL,
-				  &compose->canvas, error);
+	return dio_screen_compose(&compose->screen, &compose->source, compose->width,
+				  compose->height, compose->smooth,
+				  compose->with_overlay ? &compose->overlay : NULL, error);
 }
 
 static void compose(struct dio_viewd *viewd);
@@ -101,7 +101,7 @@ static void done_compose(struct dio_job *base)
 	if (status == DIO_OK && viewd->display) {
 		viewd->tags_taken_ns[tag % DIO_VIEWD_TAGS] = compose_job->taken_ns;
 		viewd->next_tag++;
-		status = dio_display_show(viewd->display, &compose_job->canvas, tag, &why);
+		status = dio_display_show(viewd->display, &compose_job->screen.canvas, tag, &why);
 	}
 	/* Off is a state. What else went wrong shows on the display's next event. */
 	if (status != DIO_OK && status != DIO_NO_SIGNAL)
@@ -331,5 +331,5 @@ void dio_viewd_release_pictures(struct dio_viewd *viewd)
 	dio_picture_deinit(&viewd->render.picture);
 	dio_picture_deinit(&viewd->shot.picture);
 	dio_picture_deinit(&viewd->compose.source);
-	dio_picture_deinit(&viewd->compose.canvas);
+	dio_screen_deinit(&viewd->compose.screen);
 }

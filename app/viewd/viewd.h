@@ -54,7 +54,8 @@ struct dio_viewd_compose {
 	bool busy;
 	uint32_t width, height;
 	bool smooth, with_overlay;
-	struct dio_picture source, canvas;
+	struct dio_picture source;
+	struct dio_screen screen;
 	struct dio_overlay overlay;
 	uint64_t taken_ns;
 };

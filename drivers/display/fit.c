@@ -1,4 +1,4 @@
-#include "fit.h"
+#include "dio/fit.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -69,11 +69,19 @@ static inline uint8_t blend(uint8_t a, uint8_t b, uint32_t share)
 	return (uint8_t)((a * (256 - share) + b * share + 128) >> 8);
 }
 
-/* One row of the picture at the rectangle's width. */
-static void stretch_row(const struct dio_fit *fit, const struct dio_picture *picture, uint32_t row,
-			uint32_t width, uint8_t *out)
+/* One row of the picture as wide as it is. */
+static void swap_row(const uint8_t *rgb, uint32_t width, uint8_t *out)
 {
-	const uint8_t *rgb = picture->rgb + (size_t)3 * picture->width * row;
+	for (uint32_t x = 0; x < width; x++, rgb += 3, out += 4) {
+		out[0] = rgb[2];
+		out[1] = rgb[1];
+		out[2] = rgb[0];
+	}
+}
+
+/* One row of the picture at the rectangle's width. */
+static void stretch_row(const struct dio_fit *fit, const uint8_t *rgb, uint32_t width, uint8_t *out)
+{
 	const size_t step = get_pixel_bytes(fit);
 	const unsigned red = fit->order == DIO_FIT_RGB ? 0 : 2;
 
@@ -93,13 +101,20 @@ static void stretch_row(const struct dio_fit *fit, const struct dio_picture *pic
 static const uint8_t *get_row(struct dio_fit *fit, const struct dio_picture *picture, uint32_t row,
 			      uint32_t width, uint32_t keep)
 {
+	const uint8_t *rgb = picture->rgb + (size_t)3 * picture->width * row;
+	const bool stretched = width != picture->width;
 	int slot;
 
+	if (!stretched && fit->order == DIO_FIT_RGB)
+		return rgb;
 	for (slot = 0; slot < 2; slot++)
 		if (fit->row_of[slot] == row)
 			return fit->rows[slot];
 	slot = fit->row_of[0] == keep ? 1 : 0;
-	stretch_row(fit, picture, row, width, fit->rows[slot]);
+	if (stretched)
+		stretch_row(fit, rgb, width, fit->rows[slot]);
+	else
+		swap_row(rgb, width, fit->rows[slot]);
 	fit->row_of[slot] = row;
 	return fit->rows[slot];
 }
@@ -114,8 +129,11 @@ static void draw_row(struct dio_fit *fit, const struct dio_picture *picture, uin
 
 	memset(out, 0, step * rect->x);
 	out += step * rect->x;
-	for (size_t i = 0; i < bytes; i++)
-		out[i] = blend(upper[i], lower[i], share);
+	if (share == 0)
+		memcpy(out, upper, bytes);
+	else
+		for (size_t i = 0; i < bytes; i++)
+			out[i] = blend(upper[i], lower[i], share);
 	memset(out + bytes, 0, step * (fit->width - rect->x - rect->width));
 }
 

@@ -9,7 +9,7 @@
 #include <sys/timerfd.h>
 #include <unistd.h>
 
-#include "fit.h"
+#include "dio/fit.h"
 
 #define SLOTS     3
 #define NO_SLOT   (-1)

@@ -9,8 +9,8 @@
 
 #include "backend.h"
 #include "dio/clock.h"
+#include "dio/fit.h"
 #include "dio/video.h"
-#include "fit.h"
 
 #define NS_PER_S 1000000000u
 

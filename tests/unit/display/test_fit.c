@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "fit.h"
+#include "dio/fit.h"
 
 /* An area with a guard byte pattern around every row. */
 struct area {

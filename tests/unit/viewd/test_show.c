@@ -191,46 +191,49 @@ static void paint(struct dio_picture *picture, uint32_t width, uint32_t height)
 
 static void a_picture_of_the_displays_size_is_shown_bit_for_bit(void **state)
 {
-	struct dio_picture picture = {0}, canvas = {0};
+	struct dio_picture picture = {0};
+	struct dio_screen screen = {0};
 	struct dio_error error;
 
 	(void)state;
 	paint(&picture, 61, 43);
 	for (int smooth = 0; smooth < 2; smooth++) {
 		assert_int_equal(
-			dio_screen_compose(&picture, 61, 43, smooth, NULL, &canvas, &error),
+			dio_screen_compose(&screen, &picture, 61, 43, smooth, NULL, &error),
 			DIO_OK);
-		assert_memory_equal(canvas.rgb, picture.rgb, (size_t)61 * 43 * 3);
+		assert_memory_equal(screen.canvas.rgb, picture.rgb, (size_t)61 * 43 * 3);
 	}
 	/* Twice the size, not smooth: each pixel four times. */
-	assert_int_equal(dio_screen_compose(&picture, 122, 86, false, NULL, &canvas, &error),
+	assert_int_equal(dio_screen_compose(&screen, &picture, 122, 86, false, NULL, &error),
 			 DIO_OK);
 	for (uint32_t y = 0; y < 86; y++)
 		for (uint32_t x = 0; x < 122; x++)
-			assert_memory_equal(canvas.rgb + 3 * (y * 122 + x),
+			assert_memory_equal(screen.canvas.rgb + 3 * (y * 122 + x),
 					    picture.rgb + 3 * (y / 2 * 61 + x / 2), 3);
 	dio_picture_deinit(&picture);
-	dio_picture_deinit(&canvas);
+	dio_screen_deinit(&screen);
 }
 
 static void proportions_are_kept_and_the_rest_is_black(void **state)
 {
-	struct dio_picture picture = {0}, canvas = {0};
+	struct dio_picture picture = {0};
+	struct dio_screen screen = {0};
 	struct dio_error error;
 
 	(void)state;
 	assert_int_equal(dio_picture_init(&picture, 40, 30), DIO_OK);
 	memset(picture.rgb, 200, (size_t)40 * 30 * 3);
-	assert_int_equal(dio_screen_compose(&picture, 160, 90, true, NULL, &canvas, &error),
+	assert_int_equal(dio_screen_compose(&screen, &picture, 160, 90, true, NULL, &error),
 			 DIO_OK);
 	for (uint32_t x = 0; x < 160; x++)
-		assert_int_equal(canvas.rgb[3 * (45 * 160 + x)], x >= 20 && x < 140 ? 200 : 0);
+		assert_int_equal(screen.canvas.rgb[3 * (45 * 160 + x)],
+				 x >= 20 && x < 140 ? 200 : 0);
 	/* No picture: black. */
-	assert_int_equal(dio_screen_compose(NULL, 160, 90, true, NULL, &canvas, &error), DIO_OK);
+	assert_int_equal(dio_screen_compose(&screen, NULL, 160, 90, true, NULL, &error), DIO_OK);
 	for (size_t i = 0; i < (size_t)160 * 90 * 3; i++)
-		assert_int_equal(canvas.rgb[i], 0);
+		assert_int_equal(screen.canvas.rgb[i], 0);
 	dio_picture_deinit(&picture);
-	dio_picture_deinit(&canvas);
+	dio_screen_deinit(&screen);
 }
 
 static void an_overlay_fits_any_display(void **state)
@@ -243,7 +246,8 @@ static void an_overlay_fits_any_display(void **state)
 				      .show_cells = true,
 				      .corners = {{0, 0}, {0.999f, 0.999f}, {1, 1}},
 				      .corner_count = 3};
-	struct dio_picture picture = {0}, canvas = {0};
+	struct dio_picture picture = {0};
+	struct dio_screen screen = {0};
 	struct dio_error error;
 
 	(void)state;
@@ -251,11 +255,11 @@ static void an_overlay_fits_any_display(void **state)
 	memset(overlay.cells, 1, sizeof overlay.cells);
 	paint(&picture, 32, 24);
 	for (size_t i = 0; i < sizeof SIZES / sizeof *SIZES; i++)
-		assert_int_equal(dio_screen_compose(&picture, SIZES[i][0], SIZES[i][1], true,
-						    &overlay, &canvas, &error),
+		assert_int_equal(dio_screen_compose(&screen, &picture, SIZES[i][0], SIZES[i][1],
+						    true, &overlay, &error),
 				 DIO_OK);
 	dio_picture_deinit(&picture);
-	dio_picture_deinit(&canvas);
+	dio_screen_deinit(&screen);
 }
 
 int main(void)

@@ -1,12 +1,16 @@
 /* A picture into a frame buffer: as large as fits, proportions kept, black around. */
-#ifndef DIO_DISPLAY_FIT_H
-#define DIO_DISPLAY_FIT_H
+#ifndef DIO_FIT_H
+#define DIO_FIT_H
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
 #include "dio/frame.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 /** Where a picture lies in an area. */
 struct dio_fit_rect {
@@ -45,4 +49,7 @@ void dio_fit_deinit(struct dio_fit *fit);
 void dio_fit_draw(struct dio_fit *fit, const struct dio_picture *picture, uint8_t *pixels,
 		  size_t pitch_bytes);
 
+#ifdef __cplusplus
+}
+#endif
 #endif
