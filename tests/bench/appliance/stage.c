@@ -11,10 +11,10 @@
 #include "dio/camera.h"
 #include "dio/clock.h"
 
-/* A board of the size of a sheet of paper, walked around. */
-#define SOURCE                                                                                     \
-	"sim:table?seed=7&width=320&height=240&samples=1&distortion=0&"                            \
-	"board=charuco:6x5:0.045:0.032:DICT_6X6_250"
+/* A board of the size of a sheet of paper, walked around; near enough that its markers are read
+ * from wherever the walk goes: a picture without a pose shows nothing new. */
+#define BOARD  "charuco:6x5:0.045:0.036:DICT_6X6_250"
+#define SOURCE "sim:table?seed=7&width=320&height=240&fov=45&samples=1&distortion=0&board=" BOARD
 
 static pid_t camera;
 
@@ -56,7 +56,7 @@ int stage_setup(void **state)
 	write_calibration();
 	snprintf(text, sizeof text,
 		 "[camera]\nsource = %s\nlock = no\n"
-		 "[capture]\nboard = charuco:6x5:0.045:0.032:DICT_6X6_250\n"
+		 "[capture]\nboard = " BOARD "\n"
 		 "views_min = 3\nviews_max = 32\nreserve_mib = 1\n"
 		 "[display]\noutput = none\nmode = 640x480\nframes_per_second = 60\n"
 		 "[engine]\nmodel = %s\nprecision = int8\n"
