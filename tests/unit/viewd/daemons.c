@@ -214,6 +214,17 @@ int daemons_stop_viewer(int signal_number)
 	return end(&viewer, signal_number);
 }
 
+void daemons_end_viewer(int signal_number)
+{
+	int status = daemons_stop_viewer(signal_number);
+
+	if (status == 0)
+		return;
+	/* A sanitizer says more than a message of the test may be long. */
+	fprintf(stderr, "%s\n", daemons_read_log());
+	fail_msg("the display daemon ends with %d", status);
+}
+
 pid_t daemons_get_viewer(void)
 {
 	return viewer;
@@ -290,7 +301,12 @@ const char *daemons_read_log(void)
 {
 	static char text[16384];
 	FILE *file = fopen(fixture_path("viewd.log"), "rb");
-	size_t used = file ? fread(text, 1, sizeof text - 1, file) : 0;
+	size_t used;
+
+	/* Its end, if it is long. */
+	if (file)
+		fseek(file, -(long)(sizeof text - 1), SEEK_END);
+	used = file ? fread(text, 1, sizeof text - 1, file) : 0;
 
 	text[used] = '\0';
 	if (file)

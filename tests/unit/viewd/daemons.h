@@ -24,6 +24,8 @@ pid_t daemons_start_source(const char *source, double frames_per_second);
 void daemons_start_viewer(void);
 /** End it by a signal; its exit code, -1 when the signal killed it. */
 int daemons_stop_viewer(int signal_number);
+/** The same; the exit code must be 0. */
+void daemons_end_viewer(int signal_number);
 pid_t daemons_get_viewer(void);
 
 /** Run `diorama ctl` with these words, which must go well. */
@@ -40,7 +42,7 @@ const char *daemons_get_capture(const char *property);
 /** Where the web page is, with its token: "http://127.0.0.1:PORT/#TOKEN". */
 const char *daemons_get_page(void);
 
-/** What the display daemon printed so far. */
+/** What the display daemon printed, the last 16 KiB. */
 const char *daemons_read_log(void);
 
 #endif

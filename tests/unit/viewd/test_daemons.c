@@ -216,7 +216,7 @@ static void a_killed_viewer_opens_its_scene_again(void **state)
 	daemons_wait("State=view");
 	assert_string_equal(daemons_get("Views"), "5");
 	assert_string_equal(daemons_get("Calibrated"), "true");
-	assert_int_equal(daemons_stop_viewer(SIGTERM), 0);
+	daemons_end_viewer(SIGTERM);
 }
 
 static void a_reconstruction_is_taken_up_after_a_kill(void **state)
@@ -229,7 +229,7 @@ static void a_reconstruction_is_taken_up_after_a_kill(void **state)
 	daemons_wait("State=view");
 	assert_true(dio_path_is_file(fixture_path("state/captures/000001/scene.safetensors")));
 	assert_false(dio_path_is_file(fixture_path("state/captures/000001/reconstruct.due")));
-	assert_int_equal(daemons_stop_viewer(SIGTERM), 0);
+	daemons_end_viewer(SIGTERM);
 }
 
 static void a_damaged_scene_is_made_again_from_its_views(void **state)
@@ -257,7 +257,7 @@ static void the_camera_may_go_and_come_back(void **state)
 static void a_full_disk_is_refused_before_it_starts(void **state)
 {
 	(void)state;
-	assert_int_equal(daemons_stop_viewer(SIGTERM), 0);
+	daemons_end_viewer(SIGTERM);
 	/* A reserve that no disk has. */
 	daemons_write_profile(1048576);
 	daemons_start_viewer();
@@ -265,7 +265,7 @@ static void a_full_disk_is_refused_before_it_starts(void **state)
 	daemons_expect_refusal("capture", "disk|free some space");
 	daemons_expect_refusal("save", "disk|free some space");
 	assert_string_equal(daemons_get("State"), "view");
-	assert_int_equal(daemons_stop_viewer(SIGTERM), 0);
+	daemons_end_viewer(SIGTERM);
 	daemons_write_profile(1);
 }
 
@@ -276,7 +276,7 @@ static void shutdown_ends_the_daemon_cleanly(void **state)
 	daemons_wait("State=view");
 	daemons_ctl("shutdown", NULL);
 	/* The signal finds it gone, or on its way out: either way it ends by itself. */
-	assert_int_equal(daemons_stop_viewer(0), 0);
+	daemons_end_viewer(0);
 }
 
 int main(void)
