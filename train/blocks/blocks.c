@@ -4,9 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "tiles.h"
 #include "memory.h"
 #include "network.h"
+#include "tiles.h"
 #include "vector.h"
 
 /* --- threads: each takes the next scene --- */

@@ -2,9 +2,9 @@
 
 #include <string.h>
 
-#include "tiles.h"
 #include "product.h"
 #include "rows.h"
+#include "tiles.h"
 #include "vector.h"
 
 /* --- gradients of weights --- */
