@@ -160,7 +160,7 @@ static enum dio_status compare_scenes(struct quantize_job *job, struct dio_error
 	return status;
 }
 
-static enum dio_status write_model(const struct quantize_job *job, struct dio_error *error)
+static enum dio_status write_model(struct quantize_job *job, struct dio_error *error)
 {
 	struct dvsm_error fault = {0};
 	struct dvsm_model *model = NULL;
@@ -168,8 +168,8 @@ static enum dio_status write_model(const struct quantize_job *job, struct dio_er
 
 	if (status == DVSM_OK)
 		status = dvsm_model_quantise(model, job->out,
-					     job->report || job->json ? report_matrix : NULL,
-					     (void *)(uintptr_t)job, &fault);
+					     job->report || job->json ? report_matrix : NULL, job,
+					     &fault);
 	dvsm_model_close(model);
 	return dio_status_from_engine(status, &fault, error);
 }
