@@ -23,7 +23,7 @@ foreach(package diorama diorama-appliance libdvsm-dev)
 	else()
 		string(REPLACE "diorama-" "" component ${package})
 	endif()
-	install(FILES ${PROJECT_SOURCE_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR}/../${package}
+	install(FILES ${PROJECT_SOURCE_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package}
 		RENAME copyright COMPONENT ${component})
 endforeach()
 
