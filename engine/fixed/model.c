@@ -145,9 +145,7 @@ static struct dvsm_fixed_matrix take_matrix(struct build *build,
 /* Results of row j in units of 2^-fraction. */
 static void set_fraction(const struct dvsm_fixed_matrix *matrix, size_t row, int fraction)
 {
-	int16_t *shifts = (int16_t *)(uintptr_t)matrix->shifts;
-
-	shifts[row] = (int16_t)(shifts[row] - fraction);
+	matrix->shifts[row] = (int16_t)(matrix->shifts[row] - fraction);
 }
 
 static void set_fractions(const struct dvsm_fixed_matrix *matrix, int fraction)

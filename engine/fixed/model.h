@@ -16,8 +16,9 @@
 struct dvsm_fixed_matrix {
 	const int8_t *panels;
 	const int32_t *sums;
-	const int16_t *mantissas, *shifts; /* [out] */
-	size_t out, in, depth;             /* depth: in, padded; twice that when fine */
+	const int16_t *mantissas; /* [out] */
+	int16_t *shifts;          /* [out] settled while the model is made */
+	size_t out, in, depth;    /* depth: in, padded; twice that when fine */
 	bool fine; /* rows of inputs are two planes side by side, and W beside R(W, 4) */
 };
 

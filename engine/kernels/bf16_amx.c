@@ -29,9 +29,10 @@
 static void attention_on_tiles(const struct dvsm_attention *job)
 {
 	const struct amx_config config = amx_whole_tiles();
+	const bool whole = job->head_dim >= DEPTH && job->head_dim % DEPTH == 0;
 
 	amx_open(&config);
-	if (job->bound > 0 && job->bound <= DVSM_ATTENTION_BOUND && job->head_dim % DEPTH == 0)
+	if (job->bound > 0 && job->bound <= DVSM_ATTENTION_BOUND && whole)
 		attention_bounded(job);
 	else
 		attention(job);
