@@ -113,6 +113,7 @@ static void done_open(struct dio_job *base)
 	struct dio_trajectory path = {0};
 	struct dio_error ignored;
 
+	viewd->engine_opening = false;
 	if (job->job.status == DIO_OK) {
 		viewd->session = job->session;
 		viewd->engine_ready = true;
@@ -159,6 +160,7 @@ void dio_viewd_open_engine(struct dio_viewd *viewd)
 	};
 	if (dio_store_has_scene(viewd->store))
 		job->scene_path = dio_store_scene_path(viewd->store);
+	viewd->engine_opening = true;
 	dio_viewd_post(viewd, viewd->engine, &job->job, run_open, done_open);
 }
 

@@ -103,6 +103,9 @@ static enum dio_status ask_reconstruct(struct step *step)
 	if (step->machine->state == DIO_VIEWD_CALIBRATE)
 		return dio_fail(step->why, DIO_REFUSED,
 				"calibrating: finish it with calibrate, or cancel it");
+	if (facts->engine_opening)
+		return dio_fail(step->why, DIO_BUSY,
+				"the model is being opened: ask again in a moment");
 	if (!facts->engine_ready)
 		return dio_fail(step->why, DIO_REFUSED,
 				"no model is open: see the log for what is wrong with it");

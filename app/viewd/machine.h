@@ -45,6 +45,7 @@ struct dio_viewd_event {
 struct dio_viewd_facts {
 	bool board_known;      /* the profile names a board */
 	bool calibrated;       /* there is a camera model */
+	bool engine_opening;   /* a model is being opened */
 	bool engine_ready;     /* a model is open */
 	bool camera_streaming; /* pictures come */
 	bool pose_known;       /* the newest picture shows the board well enough */

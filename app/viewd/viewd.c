@@ -48,6 +48,7 @@ static struct dio_viewd_facts gather_facts(const struct dio_viewd *viewd)
 	return (struct dio_viewd_facts){
 		.board_known = viewd->has_board,
 		.calibrated = viewd->calibrated,
+		.engine_opening = viewd->engine_opening,
 		.engine_ready = viewd->engine_ready,
 		.camera_streaming = viewd->tracked.camera == DIO_CAPTURE_STREAMING,
 		.pose_known = viewd->tracked.undistorted_known,

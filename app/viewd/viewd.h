@@ -93,7 +93,7 @@ struct dio_viewd {
 	/* The engine. */
 	struct dio_worker *engine, *files, *screen;
 	struct dio_session *session; /* used on the engine's thread once it is open */
-	bool engine_ready, scene_there;
+	bool engine_opening, engine_ready, scene_there;
 	atomic_bool cancel;
 	atomic_uint progress;                 /* of 1000 */
 	struct dio_camera_model scene_camera; /* of the scene's views */

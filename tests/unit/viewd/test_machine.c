@@ -143,6 +143,24 @@ static void every_action_in_every_state_does_what_the_table_says(void **state)
 		}
 }
 
+static void a_model_that_is_being_opened_is_not_called_missing(void **state)
+{
+	struct dio_viewd_machine machine = {0};
+	struct dio_viewd_facts facts = READY;
+	struct dio_error why = {""};
+	uint32_t orders;
+
+	(void)state;
+	facts.engine_ready = false;
+	facts.engine_opening = true;
+	assert_int_equal(
+		step(&machine, DIO_VIEWD_ASKED, DIO_ACTION_RECONSTRUCT, &facts, &orders, &why),
+		DIO_BUSY);
+	assert_non_null(strstr(why.text, "being opened"));
+	assert_int_equal(machine.state, DIO_VIEWD_IDLE);
+	assert_int_equal(orders, 0);
+}
+
 static void what_is_missing_is_named(void **state)
 {
 	static const struct {
@@ -397,6 +415,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(every_action_in_every_state_does_what_the_table_says),
 		cmocka_unit_test(what_is_missing_is_named),
+		cmocka_unit_test(a_model_that_is_being_opened_is_not_called_missing),
 		cmocka_unit_test(too_few_views_are_counted_in_the_refusal),
 		cmocka_unit_test(capture_begins_anew_only_when_the_views_have_their_scene),
 		cmocka_unit_test(news_move_the_state_that_waits_for_them_and_no_other),
