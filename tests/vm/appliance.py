@@ -36,10 +36,11 @@ class Appliance:
         self.set_camera()
 
     def set_camera(self):
-        """640x480, looped; nobody may be streaming. Few frames a second where all is emulated."""
+        """640x480, looped, with nobody streaming. Few frames a second where all is emulated."""
         camera, output = "/dev/diorama/camera", "/dev/vmtest/output"
         timings = f"--set-dv-bt-timings=cvt,width={WIDTH},height={HEIGHT},fps=40"
         size = f"width={WIDTH},height={HEIGHT},pixelformat=YUYV"
+        self.stop_feed()
         self.must("systemctl stop diorama-captured.service; "
                   f"v4l2-ctl -d {output} {timings} --set-fmt-video-out={size} && "
                   f"v4l2-ctl -d {camera} {timings} --set-fmt-video={size} "
@@ -95,7 +96,7 @@ class Appliance:
             code, out = self.run(f"diorama ctl --timeout {timeout} wait {condition}", timeout + 15)
             if code == 0:
                 return
-        view = self.status()[1]
+        view = self.view()
         raise Failure(f"{button} pressed {tries} times for {ms} ms: {condition} does not come; it "
                       f"is {view['State']}: {view['Message']}")
 
@@ -108,16 +109,27 @@ class Appliance:
 
     # The daemons.
 
-    def status(self):
-        """Properties of both daemons."""
-        out = self.must("diorama ctl --json status")
-        both = json.loads(out[out.index("{"):])
-        return both["diorama-captured"], both["diorama-viewd"]
+    def properties(self, name):
+        """What a daemon says of itself on the bus."""
+        out = self.must(f"busctl --json=short call {name} /{name.replace('.', '/')} "
+                        f"org.freedesktop.DBus.Properties GetAll s {name}")
+        return {key: value["data"] for key, value in json.loads(out)["data"][0].items()}
+
+    def capture(self):
+        return self.properties("org.diorama.Capture1")
+
+    def view(self):
+        return self.properties("org.diorama.View1")
 
     def wait_for(self, condition, timeout=60):
         code, out = self.run(f"diorama ctl --timeout {timeout} wait {condition}", timeout + 15)
         if code != 0:
             raise Failure(f"{out.strip().splitlines()[-1] if out.strip() else condition}")
+
+    def turn_by_hand(self):
+        """Show one viewpoint, rendered once, until somebody asks for another."""
+        self.must("diorama ctl turn 0.3 0.2 0")
+        self.wait_for("Source=hand", 60)
 
     def use_profile(self, changes):
         """Have the daemons read a changed profile: {"section/key": value}; {} for the own one."""

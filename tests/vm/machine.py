@@ -91,8 +91,11 @@ class Machine:
     def command(self):
         cpu = "host" if self.accelerator == "kvm" else "max"
         accel = "kvm" if self.accelerator == "kvm" else "tcg,thread=multi"
-        return ["qemu-system-x86_64", "-machine", "q35", "-accel", accel, "-cpu", cpu, "-smp", "2",
-                "-m", str(MEMORY_MIB), "-nodefaults", "-display", "none", "-no-user-config",
+        # An emulated processor without one of the host's of its own would only stand in the way.
+        processors = min(2, len(os.sched_getaffinity(0)))
+        return ["qemu-system-x86_64", "-machine", "q35", "-accel", accel, "-cpu", cpu,
+                "-smp", str(processors), "-m", str(MEMORY_MIB), "-nodefaults",
+                "-display", "none", "-no-user-config",
                 "-serial", f"file:{self.folder}/console.log",
                 "-kernel", str(self.image / "kernel"), "-initrd", str(self.image / "initrd.cpio"),
                 "-append", "console=ttyS0 quiet panic=-1 mitigations=off systemd.show_status=0",
