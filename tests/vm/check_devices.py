@@ -1,7 +1,7 @@
 """Camera, lines and display under real drivers."""
 import re
 
-from appliance import FRAME_BYTES, NOISE, SOCKET, wait_until
+from appliance import DROPS, FRAME_BYTES, NOISE, SOCKET, wait_until
 from report import expect
 
 UNPLUGS = KILLS = 20
@@ -98,6 +98,104 @@ def libcamera_captures(appliance):
     finally:
         appliance.restart("diorama-captured")
         appliance.run("modprobe -r vimc")
+
+
+# Faults that vivid injects as controls of its capture node; what the daemon says then, or counts;
+# and what sets the camera right again.
+FAULTS = (
+    ("inject_v4l2_buf_flag_error=1", "Broken", ""),
+    ("inject_fatal_streaming_error=1", "Recoveries", ""),
+    ("inject_vidioc_qbuf_error=1", "Recoveries", ""),
+    ("inject_vidioc_streamon_error=1,inject_fatal_streaming_error=1", "Recoveries", ""),
+    ("inject_vidioc_reqbufs_error=1,inject_fatal_streaming_error=1", "Recoveries", ""),
+    ("dv_timings_signal_mode=1", "no signal", "dv_timings_signal_mode=0"),
+    ("dv_timings_signal_mode=2", "no signal", "dv_timings_signal_mode=0"),
+    (f"{DROPS}=100", "stalled", f"{DROPS}=0"),
+)
+FAULT_S = 20
+
+
+def survive(appliance, fault, effect, remedy):
+    """One fault: what was to be seen of it is seen, and then frames come again."""
+    before = appliance.capture()
+    appliance.must(f"v4l2-ctl -d /dev/diorama/camera --set-ctrl={fault}")
+
+    def is_seen():
+        now = appliance.capture()
+        return now[effect] > before[effect] if effect in now else now["State"] == effect
+
+    expect(wait_until(is_seen, FAULT_S), f"{fault}: nothing is seen of it: {appliance.capture()}")
+    if remedy:
+        appliance.must(f"v4l2-ctl -d /dev/diorama/camera --set-ctrl={remedy}")
+    since = appliance.capture()["Frames"]
+    expect(wait_until(lambda: appliance.capture()["Frames"] > since + 3, FAULT_S),
+           f"{fault}: no frames any more: {appliance.capture()['StateText']}")
+
+
+def faults_are_survived(appliance):
+    """Errors that the driver injects while the daemon streams."""
+    appliance.wait_for("Camera=streaming")
+    pid = appliance.main_pid("diorama-captured")
+    for fault in FAULTS:
+        survive(appliance, *fault)
+    expect(appliance.main_pid("diorama-captured") == pid, "the daemon was started anew")
+    appliance.set_camera()
+    return f"{len(FAULTS)} faults: " + ", ".join(fault for fault, _, _ in FAULTS)
+
+
+SIZES = ((0, 0), (1, 1), (2, 2), (16, 16), (639, 479), (641, 481), (2560, 1920), (4096, 4096),
+         (65535, 3), (3, 65535), (4294967295, 4294967295))
+RATES = ("0.001", "1", "1000", "1e300", "inf", "nan", "-1")
+OPENINGS = 30
+
+
+def list_formats(appliance):
+    """The camera's formats as numbers."""
+    names = re.findall(r"'(.{4})(-BE)?'", appliance.must(
+        "v4l2-ctl -d /dev/diorama/camera --list-formats"))
+    return [int.from_bytes(name.encode(), "little") | (1 << 31 if big else 0)
+            for name, big in names]
+
+
+def ask_camera(appliance, lines):
+    """What vm_camera answers to each line."""
+    text = "\\n".join(lines)
+    code, out = appliance.run(
+        f"printf '{text}\\n' | /share/vm_camera v4l2:/dev/diorama/camera", 240)
+    answers = out.splitlines()
+    expect(code == 0 and len(answers) == len(lines),
+           f"'{lines[min(len(answers), len(lines) - 1)]}' ends with {code}: {out[-300:].strip()}")
+    for line, answer in zip(lines, answers):
+        expect(re.match(r"ok |status \d+: .*camera", answer), f"'{line}': {answer}")
+    return answers
+
+
+def abuse_at_the_edges(appliance):
+    """Sizes, rates and formats at their edges: each opens and streams, or is refused in a line."""
+    appliance.must("systemctl stop diorama-captured.service; "
+                   f"v4l2-ctl -d /dev/diorama/camera --set-ctrl={DROPS}=0,loop_video=0")
+    try:
+        edges = ask_camera(appliance, [f"{width} {height} 0 1" for width, height in SIZES] +
+                           [f"640 480 {rate} 1" for rate in RATES])
+        streamed = sum(answer.startswith("ok") for answer in edges)
+        expect(streamed > 0, "no size streams")
+        formats = list_formats(appliance)
+        expect(len(formats) >= 50, f"vivid offers only {len(formats)} formats")
+        # Whatever another program left in force, and often in a row.
+        for answer in ask_camera(appliance, [f"640 480 0 1 {fourcc}" for fourcc in formats] +
+                                 ["640 480 60 2"] * OPENINGS):
+            expect(answer.startswith("ok"), answer)
+        # Another process has the buffers, one or as many as the driver gives.
+        for count in (1, 2, 32):
+            code, out = appliance.run(
+                f"v4l2-ctl -d /dev/diorama/camera --stream-mmap={count} --stream-count=1000 "
+                "> /dev/null 2>&1 & other=$!; sleep 1; echo 0 0 0 1 | "
+                "/share/vm_camera v4l2:/dev/diorama/camera; kill $other; wait", 30)
+            expect("in use by another process" in out, f"{count} buffers elsewhere: {out.strip()}")
+    finally:
+        appliance.set_camera()
+    return (f"{len(edges)} sizes and rates ({streamed} stream, {len(edges) - streamed} are refused "
+            f"in a line), {len(formats)} formats found in force, {OPENINGS} openings, taken buffers")
 
 
 def device_tests_pass(appliance):

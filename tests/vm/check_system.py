@@ -1,11 +1,14 @@
 """Units, log, read-only root, watchdog, growth, packages."""
 import re
+import time
 
-from appliance import SOCKET, wait_until
+from appliance import SOCKET, WALK, wait_until
 from report import expect
 
 UNITS = ("diorama-captured", "diorama-viewd")
 EXPOSURE_MAX = 2.0
+GROWTH_MAX_KIB = 1024
+WARM_PICTURES = 3
 
 
 def comes_up_on_a_read_only_root(appliance):
@@ -55,6 +58,93 @@ def log_is_clean(appliance):
     ours = [line for line in ours if not re.search(r"vivid.*(injecting|out-of-tree)|taint", line)]
     expect(not ours, f"{len(ours)} lines: {ours[0] if ours else ''}")
     return f"{len(kernel)} warnings of the kernel, none of them ours"
+
+
+def hang_viewer(appliance):
+    """Stop the viewer as a hang would; whom to look for afterwards."""
+    pid = appliance.main_pid("diorama-viewd")
+    appliance.must(f"kill -STOP {pid}")
+    return pid, appliance.now()
+
+
+def watchdog_restarts_a_hung_viewer(appliance, hung):
+    """The unit's own watchdog ends it and starts it again; nobody else does."""
+    pid, since = hung
+    expect(wait_until(lambda: appliance.restarts("diorama-viewd") > 0, 60),
+           "it hangs and is not started anew")
+    appliance.wait_for("State=idle", 60)
+    expect(appliance.main_pid("diorama-viewd") != pid, "it is the same process")
+    said = appliance.run("journalctl -u diorama-viewd -o short-monotonic --no-pager | "
+                         "grep 'Watchdog timeout'")[1]
+    at = re.search(r"^\[ *([\d.]+)\]", said)
+    expect(at, "systemd says nothing of the watchdog")
+    return f"ended {float(at[1]) - since:.0f} s after it hung, started anew, idle as before"
+
+
+def measure(appliance):
+    """{unit: (process, memory of its own in KiB, descriptors, threads)}"""
+    found = {}
+    for unit in UNITS:
+        words = appliance.must(
+            f"read pid < /sys/fs/cgroup/system.slice/{unit}.service/cgroup.procs; echo $pid; "
+            "while read -r name value rest; do case $name in RssAnon:|Threads:) echo $value;; esac; "
+            "done < /proc/$pid/status; set -- /proc/$pid/fd/*; echo $#").split()
+        pid, memory, threads, descriptors = map(int, words)
+        found[unit] = (pid, memory, descriptors, threads)
+    return found
+
+
+def picture(appliance):
+    """What tells a rendered picture from the one before it."""
+    view = appliance.view()
+    return view["LatencyMs"], view["RenderMs"]
+
+
+def nothing_grows(appliance, seconds):
+    """Memory, descriptors and threads over a run that tracks and renders."""
+    appliance.feed(WALK, 700, 0)
+    appliance.must("diorama ctl follow")
+    appliance.wait_for("Source=tracked", 60)
+    warm, shown = set(), set()
+    # All that is allocated once is allocated then.
+    expect(wait_until(lambda: len(warm.add(picture(appliance)) or warm) > WARM_PICTURES, 90),
+           f"{len(warm)} pictures of a tracked viewpoint in 90 s")
+    samples, end = [], time.monotonic() + seconds
+    first = appliance.capture()["Frames"]
+    while time.monotonic() < end:
+        samples.append(measure(appliance))
+        shown.add(picture(appliance))
+        time.sleep(max(1, seconds / 60))
+    frames = appliance.capture()["Frames"] - first
+    expect(frames > seconds and len(shown) > max(2, seconds / 20),
+           f"{frames} frames came, {len(shown)} pictures were seen in {seconds} s")
+    third = max(1, len(samples) // 3)
+    said = []
+    for unit in UNITS:
+        pids, memory, descriptors, threads = zip(*(sample[unit] for sample in samples))
+        expect(len(set(pids)) == 1, f"{unit} was started anew")
+        growth = sorted(memory[-third:])[third // 2] - sorted(memory[:third])[third // 2]
+        expect(growth <= GROWTH_MAX_KIB, f"{unit}: {growth} KiB more: {memory}")
+        for counts, what in ((descriptors, "descriptors"), (threads, "threads")):
+            expect(max(counts[-third:]) <= max(counts[:third]), f"{unit}: {what}: {counts}")
+        said.append(f"{unit} {memory[-1] // 1024} MiB ({growth:+d} KiB), {descriptors[-1]} "
+                    f"descriptors, {threads[-1]} threads")
+    return f"{seconds:.0f} s, {frames} frames, {len(shown)} pictures seen: " + "; ".join(said)
+
+
+def comes_back_after_a_reset(appliance, boot_s):
+    """The power goes while a scene is being made; the box comes up and shows it."""
+    appliance.wait_for("State=view", 120)
+    before = appliance.view()
+    appliance.must("diorama ctl reconstruct && diorama ctl --timeout 20 wait State=reconstruct")
+    appliance.machine.reset()
+    appliance.machine.wait_boot(boot_s)
+    comes_up_on_a_read_only_root(appliance)
+    appliance.wait_for("State=view", 120)
+    view = appliance.view()
+    expect(view["Views"] == before["Views"] and view["Calibrated"],
+           f"{view['Views']} views of {before['Views']}, calibrated: {view['Calibrated']}")
+    return f"{view['Views']} views and their scene"
 
 
 LEFT = ("/usr/libexec/diorama /usr/bin/diorama /usr/share/diorama /etc/diorama "

@@ -195,6 +195,10 @@ class Machine:
         raise MachineError(f"the machine does not boot in {timeout} s; see "
                            f"{self.folder}/console.log")
 
+    def reset(self):
+        """Cut the power: what the guest has not written to its disk is lost."""
+        self.monitor.say("system_reset")
+
     def screenshot(self, path):
         self.monitor.say("screendump", filename=str(path), format="png")
 

@@ -1,8 +1,9 @@
 """./run vmtest: the appliance's packages in a virtual machine, on drivers of the kernel's.
 
-usage: vmtest.py --image DIR --tools DIR --work DIR [--accel kvm|tcg] [--seed N]
+usage: vmtest.py --image DIR --tools DIR --work DIR [--accel kvm|tcg] [--seed N] [soak]
 
-DIR: what `image` made; the programs that were built; where to work.
+DIR: what `image` made; the programs that were built; where to work. With `soak` the run that looks
+for growth lasts ten minutes and is the only one beside what it needs.
 """
 import argparse
 import hashlib
@@ -23,7 +24,8 @@ from appliance import DANCE, FRAME_BYTES, FRAME_COUNT, NOISE, WALK, Appliance
 from machine import Machine, MachineError, kvm_works
 from report import Report
 
-GUEST_TOOLS = ("vm_feed", "vm_ring", "device_kms", "device_gpio", "device_keyboard")
+GUEST_TOOLS = ("vm_feed", "vm_ring", "vm_camera", "device_kms", "device_gpio", "device_keyboard")
+SOAK_S, SHORT_S = 600, 30
 SIM = "sim:table?seed=7&style={style}&fps={fps}"
 
 
@@ -47,34 +49,50 @@ def make_frames(tools, path, keep):
     shutil.copyfile(kept, path)
 
 
-def run_checks(report, machine, appliance, arguments, shots):
+def keep_journal(appliance, path):
+    """The journal lives in memory: a reset loses it."""
+    path.write_text(appliance.run("journalctl --no-pager")[1])
+
+
+def run_checks(report, machine, appliance, arguments, shots, boot_s):
     tools = arguments.tools
     if not report.run("boots, root read only, no unit failed",
                       check_system.comes_up_on_a_read_only_root, appliance):
         report.note("journal: " + appliance.run("journalctl -p warning -b --no-pager | tail -15")[1])
+    hung = check_system.hang_viewer(appliance)  # the next check does without it
+    report.run("frames arrive bit-exact, in order", check_devices.frames_arrive_bit_exact, appliance)
+    report.run("hung viewer", check_system.watchdog_restarts_a_hung_viewer, appliance, hung)
     if appliance.slow:
         appliance.set_watchdogs(patient=True)
-    report.run("frames arrive bit-exact, in order", check_devices.frames_arrive_bit_exact, appliance)
     report.run("buttons and LEDs", check_appliance.buttons_and_lamps_work, appliance)
     scene = (report.run("calibrates", check_appliance.calibrates_from_the_button, appliance, shots)
              and report.run("captures, reconstructs, shows",
                             check_appliance.captures_and_reconstructs_from_the_button, appliance,
                             shots))
+    if arguments.what == "soak":
+        report.run("nothing grows", check_system.nothing_grows, appliance, SOAK_S)
+        return
     if scene:
         report.run("screen is what render renders", check_appliance.shows_what_render_renders,
                    appliance, shots, tools)
-    report.run("units' exposure", check_system.units_are_locked_down, appliance)
-    if scene:
         cuts = powercut.Cuts(machine, tools, arguments.work, arguments.seed)
         logged = report.run("reconstructs and saves, its disk logged", powercut.work_under_cuts,
                             appliance, cuts)
+        report.run("nothing grows", check_system.nothing_grows, appliance, SHORT_S)
         report.run("killed capture daemon", check_devices.viewer_survives_killed_capture, appliance)
+    report.run("injected faults", check_devices.faults_are_survived, appliance)
+    report.run("sizes, formats, buffers at their edges", check_devices.abuse_at_the_edges, appliance)
     report.run("camera unplugged", check_devices.camera_comes_back, appliance)
     report.run("libcamera", check_devices.libcamera_captures, appliance)
     report.run("device tests", check_devices.device_tests_pass, appliance)
+    report.run("units' exposure", check_system.units_are_locked_down, appliance)
     report.run("log is clean", check_system.log_is_clean, appliance)
     if scene and logged:
         report.run("power cuts while saving and reconstructing", powercut.finish, cuts)
+    if scene:
+        keep_journal(appliance, arguments.work / "journal-first.txt")
+        report.run("power cut of the whole box", check_system.comes_back_after_a_reset, appliance,
+                   boot_s)
     report.run("packages purge and install", check_system.packages_purge_and_install, appliance)
 
 
@@ -84,6 +102,7 @@ def main():
         parser.add_argument(name, type=Path, required=True)
     parser.add_argument("--accel", choices=("kvm", "tcg"))
     parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(1 << 32))
+    parser.add_argument("what", nargs="?", choices=("soak",))
     arguments = parser.parse_args()
 
     # The machine must not outlive us.
@@ -108,8 +127,8 @@ def main():
         machine.start()
         machine.wait_boot(boot_s)
         appliance = Appliance(machine)
-        run_checks(report, machine, appliance, arguments, shots)
-        (arguments.work / "journal.txt").write_text(appliance.run("journalctl -b --no-pager")[1])
+        run_checks(report, machine, appliance, arguments, shots, boot_s)
+        keep_journal(appliance, arguments.work / "journal.txt")
     except MachineError as fault:
         report.run("the machine", fail, fault)
     finally:
