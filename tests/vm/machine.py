@@ -98,7 +98,9 @@ class Machine:
                 "-display", "none", "-no-user-config",
                 "-serial", f"file:{self.folder}/console.log",
                 "-kernel", str(self.image / "kernel"), "-initrd", str(self.image / "initrd.cpio"),
-                "-append", "console=ttyS0 quiet panic=-1 mitigations=off systemd.show_status=0",
+                # A process has its own memory alone, not what the kernel rounds up to 2 MiB.
+                "-append", "console=ttyS0 quiet panic=-1 mitigations=off systemd.show_status=0 "
+                "transparent_hugepage=never",
                 "-drive", f"file={self.image}/root.img,format=raw,if=none,id=root,snapshot=on",
                 "-device", "virtio-blk-pci,drive=root",
                 "-blockdev", f"driver=file,filename={self.data},node-name=data-file",
