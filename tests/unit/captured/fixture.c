@@ -312,6 +312,19 @@ void daemon_await_text(struct daemon *daemon, const char *property, const char *
 	}
 }
 
+void daemon_await_number(struct daemon *daemon, const char *property, uint64_t least)
+{
+	const int64_t limit = monotonic_ns() + 5 * SECOND_NS;
+	uint64_t number;
+
+	while ((number = daemon_get_number(daemon, property)) < least) {
+		if (monotonic_ns() > limit)
+			fail_msg("%s is %llu, %llu was expected", property,
+				 (unsigned long long)number, (unsigned long long)least);
+		nap();
+	}
+}
+
 bool daemon_next_notice(struct daemon *daemon, char *text, size_t size, int timeout_ms)
 {
 	struct pollfd fd = {.fd = daemon->notify, .events = POLLIN};

@@ -58,6 +58,8 @@ char *daemon_get_text(struct daemon *daemon, const char *property);
 uint64_t daemon_get_number(struct daemon *daemon, const char *property);
 /** Ask until the text property has the value; fails the test after five seconds. */
 void daemon_await_text(struct daemon *daemon, const char *property, const char *value);
+/** Ask until the number is `least` or more; likewise. */
+void daemon_await_number(struct daemon *daemon, const char *property, uint64_t least);
 
 /** Be systemd for the daemons started from now on. Who asks for this reads: a socket that is full
  * stops the daemon, as it would with systemd. */

@@ -42,7 +42,7 @@ static void the_bus_shows_the_camera(void **state)
 	daemon_await_text(daemon, "Camera", "scripted camera");
 	daemon_await_text(daemon, "Format", "GRAY8");
 	daemon_await_text(daemon, "StateText", "");
-	assert_true(daemon_get_number(daemon, "Frames") > 0);
+	daemon_await_number(daemon, "Frames", 1);
 	assert_true(sd_bus_get_property_trivial(dio_bus_get_connection(daemon->bus),
 						DIO_BUS_CAPTURE.name, DIO_BUS_CAPTURE.path,
 						DIO_BUS_CAPTURE.name, "NominalRate", NULL, 'd',
@@ -53,6 +53,7 @@ static void the_bus_shows_the_camera(void **state)
 	daemon_await_text(daemon, "StateText", "camera script: is it plugged in?");
 	script_set(daemon, SCRIPT_STREAM);
 	daemon_await_text(daemon, "State", "streaming");
+	daemon_await_number(daemon, "Recoveries", 1);
 	assert_int_equal(daemon_get_number(daemon, "Recoveries"), 1);
 }
 
