@@ -258,6 +258,12 @@ struct dvsm_fixed_attention {
 };
 typedef void dvsm_fixed_attention_fn(const struct dvsm_fixed_attention *job);
 
+/** Keys of the tile that begins at key `first`. */
+static inline size_t dvsm_fixed_tile_keys(const struct dvsm_fixed_attention *job, size_t first)
+{
+	return job->keys - first < DVSM_FIXED_KEYS ? job->keys - first : DVSM_FIXED_KEYS;
+}
+
 /**
  * Numbers between the scores of one query and of the next: a vector more than there are, as rows a
  * power of two apart share few lines of a cache.

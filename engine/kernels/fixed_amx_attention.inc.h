@@ -50,12 +50,11 @@ struct item {
 static inline struct item item_at(const struct state *state, size_t index)
 {
 	const size_t key = index / state->groups * DVSM_FIXED_KEYS;
-	const size_t left = state->job->keys - key;
 
 	return (struct item){
 		.group = index % state->groups,
 		.key = key,
-		.count = left < DVSM_FIXED_KEYS ? left : DVSM_FIXED_KEYS,
+		.count = dvsm_fixed_tile_keys(state->job, key),
 		.scores = state->scores + index % ITEMS_KEPT * ITEM_SCORES,
 	};
 }

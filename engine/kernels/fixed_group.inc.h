@@ -24,17 +24,12 @@ static inline size_t scores_stride(const struct dvsm_fixed_attention *job)
 	return dvsm_fixed_scores_stride(scores_kept(job) ? job->keys : DVSM_FIXED_KEYS);
 }
 
-static inline size_t tile_keys(const struct dvsm_fixed_attention *job, size_t key)
-{
-	return job->keys - key < DVSM_FIXED_KEYS ? job->keys - key : DVSM_FIXED_KEYS;
-}
-
 static void find_tops(const struct dvsm_fixed_attention *job, struct query queries[QUERIES])
 {
 	const bool kept = scores_kept(job);
 
 	for (size_t key = 0; key < job->keys; key += DVSM_FIXED_KEYS) {
-		const size_t count = tile_keys(job, key), at = kept ? key : 0;
+		const size_t count = dvsm_fixed_tile_keys(job, key), at = kept ? key : 0;
 
 		score(queries, job->k + key * job->head_width, job->head_width, count, at);
 		for (size_t i = 0; i < QUERIES; i++) {
@@ -57,7 +52,7 @@ static void attend(const struct dvsm_fixed_attention *job, struct query queries[
 		start(job, first + (i < count ? i : count - 1), &queries[i]);
 	find_tops(job, queries);
 	for (size_t key = 0; key < job->keys; key += DVSM_FIXED_KEYS) {
-		const size_t keys = tile_keys(job, key), at = kept ? key : 0;
+		const size_t keys = dvsm_fixed_tile_keys(job, key), at = kept ? key : 0;
 
 		if (!kept)
 			score(queries, job->k + key * width, width, keys, at);

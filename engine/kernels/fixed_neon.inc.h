@@ -353,12 +353,6 @@ static void finish(const struct dvsm_fixed_attention *job, const int64_t *o, int
 	}
 }
 
-/* Keys of the tile that begins at `first`. */
-static size_t tile_keys(const struct dvsm_fixed_attention *job, size_t first)
-{
-	return job->keys - first < DVSM_FIXED_KEYS ? job->keys - first : DVSM_FIXED_KEYS;
-}
-
 static void attention(const struct dvsm_fixed_attention *job)
 {
 	const struct places at = place(job);
@@ -366,13 +360,13 @@ static void attention(const struct dvsm_fixed_attention *job)
 	memset(at.o, 0, job->queries * job->head_width * sizeof(*at.o));
 	memset(at.total, 0, job->queries * sizeof(*at.total));
 	for (size_t first = 0; first < job->keys; first += DVSM_FIXED_KEYS) {
-		const size_t count = tile_keys(job, first);
+		const size_t count = dvsm_fixed_tile_keys(job, first);
 
 		score(job, &at, first, dvsm_fixed_pad(count, WIDTH));
 		find_tops(&at, job->queries, first, count);
 	}
 	for (size_t first = 0; first < job->keys; first += DVSM_FIXED_KEYS) {
-		const size_t count = tile_keys(job, first);
+		const size_t count = dvsm_fixed_tile_keys(job, first);
 		const size_t padded = dvsm_fixed_pad(count, WIDTH);
 
 		if (!at.kept)

@@ -115,12 +115,6 @@ static void mix(const int16_t *p, const int8_t *v, size_t count, size_t dim, siz
 		o[d] += parts[4 * d] + parts[4 * d + 1] + parts[4 * d + 2] + parts[4 * d + 3];
 }
 
-/* Keys of the tile that begins at `first`. */
-static size_t tile_keys(const struct dvsm_fixed_attention *job, size_t first)
-{
-	return job->keys - first < DVSM_FIXED_KEYS ? job->keys - first : DVSM_FIXED_KEYS;
-}
-
 static void attend(const struct dvsm_fixed_attention *job, const int8_t *q,
 		   struct dvsm_fixed_scale scale, int32_t *scores, int64_t *o, int16_t *out)
 {
@@ -132,14 +126,14 @@ static void attend(const struct dvsm_fixed_attention *job, const int8_t *q,
 	int64_t sum = 0;
 
 	for (size_t first = 0; first < job->keys; first += DVSM_FIXED_KEYS) {
-		int32_t largest =
-			score(job, q, first, tile_keys(job, first), kept ? scores + first : scores);
+		int32_t largest = score(job, q, first, dvsm_fixed_tile_keys(job, first),
+					kept ? scores + first : scores);
 
 		top = largest > top ? largest : top;
 	}
 	memset(o, 0, job->dim * sizeof(*o));
 	for (size_t first = 0; first < job->keys; first += DVSM_FIXED_KEYS) {
-		const size_t count = tile_keys(job, first);
+		const size_t count = dvsm_fixed_tile_keys(job, first);
 		const int32_t *tile = kept ? scores + first : scores;
 
 		if (!kept)
