@@ -1,4 +1,4 @@
-/* Softmax attention of one head, forward and backward, on AMX tiles. */
+/* Softmax attention of one head, forward and backward, on tiles (tiles.h). */
 #pragma once
 
 #include <stdint.h>

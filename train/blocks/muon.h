@@ -1,4 +1,4 @@
-/* One step of Muon (Jordan 2024) over the matrices of a network, on AMX tiles. */
+/* One step of Muon (Jordan 2024) over the matrices of a network, on tiles (tiles.h). */
 #pragma once
 
 /* A weight and its state, `parts` matrices of [rows, cols] one below the other. */
