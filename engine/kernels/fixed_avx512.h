@@ -6,6 +6,14 @@
 
 #include "kernels/fixed_math.h"
 
+/** As it is: a constant that stays in its register, where the compiler would make it anew at each
+ * use. */
+static inline __m512i keep(__m512i a)
+{
+	__asm__("" : "+v"(a));
+	return a;
+}
+
 /** Sixteen numbers of 64 bits: those of the even lanes and those of the odd ones. */
 struct wide {
 	__m512i even, odd;

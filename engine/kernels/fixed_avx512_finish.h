@@ -9,12 +9,16 @@
  * r = R(t f, shift - 15) of 32-bit sums t in 32-bit lanes. With t = 2^cut high + low, of which high
  * fits 16 bits, floor(t f / 2^cut) = high f + floor(low f / 2^cut): two multiplications of words.
  * What is left of the shift must then be a bit at least, or there is nothing to round; where a
- * column and a row leave less, the products take 64 bits.
+ * column and a row leave less, the products take 64 bits. Where they leave enough for a cut of 16,
+ * high and low are the sum's words as they lie.
  */
+enum requantise_way { REQUANTISE_WIDE, REQUANTISE_CUT, REQUANTISE_WORDS };
+
 struct requantise {
-	bool narrow;
+	enum requantise_way way;
 	int cut;
-	__m128i up; /* 16 - cut: low to the top of its word */
+	__m512i up; /* 16 - cut: low to the top of its word */
+	__m512i one, upper;
 };
 
 /* The least shift of a job's columns and rows; those of scale 0 yield 0 with any. */
@@ -46,12 +50,22 @@ static struct requantise requantise_prepare(const struct dvsm_fixed_gemm *job)
 {
 	/* |t| is at most 128 times 127 a step of depth, and high is below 2^15. */
 	const int bits = dvsm_fixed_bits((uint64_t)job->depth * 128 * 127);
-	const int cut = bits > 15 ? bits - 15 : 0;
+	const int least = least_shift(job);
+	int cut = bits > 15 ? bits - 15 : 0;
+	enum requantise_way way = REQUANTISE_WIDE;
 
+	if (least > 15 + 16) {
+		way = REQUANTISE_WORDS;
+		cut = 16;
+	} else if (least > 15 + cut) {
+		way = REQUANTISE_CUT;
+	}
 	return (struct requantise){
-		.narrow = least_shift(job) > 15 + cut,
+		.way = way,
 		.cut = cut,
-		.up = _mm_cvtsi32_si128(16 - cut),
+		.up = _mm512_set1_epi32(16 - cut),
+		.one = keep(_mm512_set1_epi32(1)),
+		.upper = keep(_mm512_set1_epi32(~0xffff)),
 	};
 }
 
@@ -86,8 +100,8 @@ struct row_scales {
 static inline void prepare_rows(const struct requantise *how, const struct dvsm_fixed_scale *scales,
 				size_t rows, struct row_scales *out)
 {
-	/* Narrow, the shift is without what the cut and the last bit take. */
-	const __m512i taken = _mm512_set1_epi32(how->narrow ? 16 + how->cut : 0);
+	/* Of words, the shift is without what the cut and the last bit take. */
+	const __m512i taken = _mm512_set1_epi32(how->way == REQUANTISE_WIDE ? 0 : 16 + how->cut);
 	const __m512i low = _mm512_set1_epi32(0xffff);
 
 	for (size_t i = 0; i < rows; i += 16) {
@@ -107,20 +121,19 @@ static inline struct row_lanes load_row(const struct row_scales *scales, size_t 
 				  _mm512_set1_epi32(scales->exponents[row])};
 }
 
-/* r of sixteen sums, exact in 32 bits when narrow. */
-static inline __m512i requantise_narrow(const struct requantise *how, const struct row_lanes *row,
-					const struct columns *columns, __m512i sums)
+/* r of sixteen sums, exact in 32 bits. */
+DVSM_INLINE __m512i requantise_narrow(const enum requantise_way way, const struct requantise *how,
+				      const struct row_lanes *row, const struct columns *columns,
+				      __m512i sums)
 {
-	const __m512i one = _mm512_set1_epi32(1);
 	__m512i factor = _mm512_mulhrs_epi16(columns->mantissa, row->mantissa);
-	__m512i one_and_factor =
-		_mm512_mask_mulhrs_epi16(one, 0xaaaaaaaa, columns->mantissa, row->mantissa);
+	__m512i one_and_factor = _mm512_or_si512(_mm512_and_si512(factor, how->upper), how->one);
 	__m512i shift = _mm512_sub_epi32(columns->shift, row->exponent);
-	__m512i words = _mm512_sll_epi32(sums, how->up);
+	__m512i words = way == REQUANTISE_WORDS ? sums : _mm512_sllv_epi32(sums, how->up);
 
 	words = _mm512_mask_mulhi_epu16(words, 0x55555555, words, factor);
 	words = _mm512_srav_epi32(_mm512_madd_epi16(words, one_and_factor), shift);
-	return _mm512_srai_epi32(_mm512_add_epi32(words, one), 1);
+	return _mm512_srai_epi32(_mm512_add_epi32(words, how->one), 1);
 }
 
 static inline struct wide requantise_wide(const struct row_lanes *row,
@@ -134,12 +147,12 @@ static inline struct wide requantise_wide(const struct row_lanes *row,
 }
 
 /* r of sixteen sums: modulo 2^32, or as int16 saturates it. */
-DVSM_INLINE __m512i requantise(const bool narrow, const bool adds, const struct requantise *how,
-			       const struct row_lanes *row, const struct columns *columns,
-			       __m512i sums)
+DVSM_INLINE __m512i requantise(const enum requantise_way way, const bool adds,
+			       const struct requantise *how, const struct row_lanes *row,
+			       const struct columns *columns, __m512i sums)
 {
-	if (narrow)
-		return requantise_narrow(how, row, columns, sums);
+	if (way != REQUANTISE_WIDE)
+		return requantise_narrow(way, how, row, columns, sums);
 	return adds ? wide_low(requantise_wide(row, columns, sums))
 		    : wide_saturate(requantise_wide(row, columns, sums), 1 << 15);
 }
@@ -147,15 +160,15 @@ DVSM_INLINE __m512i requantise(const bool narrow, const bool adds, const struct 
 /* GELU's table with half a unit of the result in it, and its steps. */
 struct gelu {
 	__m512i table[2], steps[2];
-	__m512i limit;
-	__m128i up, down;
+	__m512i limit, up, down;
+	__m512i zero, low_byte, high_byte;
 	bool tails; /* below two fraction bits there are none */
 };
 
 static struct gelu gelu_prepare(int fraction)
 {
 	const int16_t *tail = dvsm_fixed_gelu_tail;
-	struct gelu gelu = {.tails = fraction >= 2};
+	struct gelu gelu = {.tails = fraction >= 2, .zero = keep(_mm512_setzero_si512())};
 
 	if (!gelu.tails)
 		return gelu;
@@ -168,31 +181,37 @@ static struct gelu gelu_prepare(int fraction)
 		gelu.steps[i] = _mm512_sub_epi16(next, at);
 	}
 	gelu.limit = _mm512_set1_epi16((int16_t)(16383 >> (12 - fraction)));
-	gelu.up = _mm_cvtsi32_si128(12 - fraction);
-	gelu.down = _mm_cvtsi32_si128(17 - fraction);
+	gelu.up = _mm512_set1_epi16((int16_t)(12 - fraction));
+	gelu.down = _mm512_set1_epi16((int16_t)(17 - fraction));
+	gelu.low_byte = keep(_mm512_set1_epi16(255));
+	gelu.high_byte = keep(_mm512_set4_epi32((int)0x800f800d, (int)0x800b8009, (int)0x80078005,
+						(int)0x80038001));
 	return gelu;
 }
 
 /*
  * Beyond the table its last number counts whose place `up` can write: less than half a unit of the
- * result, as what belongs there.
+ * result, as what belongs there. Shifts and the choice of a maximum find one port of a processor's,
+ * shuffles and comparisons another: the work is split between both.
  */
 static inline __m512i gelu_lanes(const struct gelu *gelu, __m512i u)
 {
-	__m512i positive = _mm512_max_epi16(u, _mm512_setzero_si512());
+	const __mmask32 negative = _mm512_cmplt_epi16_mask(u, gelu->zero);
+	__m512i positive = _mm512_maskz_mov_epi16(~negative, u);
 
 	if (!gelu->tails)
 		return positive;
 
-	__m512i size = _mm512_min_epu16(_mm512_abs_epi16(u), gelu->limit);
-	__m512i at = _mm512_sll_epi16(size, gelu->up);
-	__m512i index = _mm512_srli_epi16(at, 8);
-	__m512i share = _mm512_slli_epi16(_mm512_and_si512(at, _mm512_set1_epi16(255)), 7);
+	__m512i size =
+		_mm512_min_epu16(_mm512_mask_sub_epi16(u, negative, gelu->zero, u), gelu->limit);
+	__m512i at = _mm512_sllv_epi16(size, gelu->up);
+	__m512i index = _mm512_shuffle_epi8(at, gelu->high_byte);
+	__m512i share = _mm512_slli_epi16(_mm512_and_si512(at, gelu->low_byte), 7);
 	__m512i tail = _mm512_permutex2var_epi16(gelu->table[0], index, gelu->table[1]);
 	__m512i step = _mm512_permutex2var_epi16(gelu->steps[0], index, gelu->steps[1]);
 
 	tail = _mm512_add_epi16(tail, _mm512_mulhrs_epi16(step, share));
-	return _mm512_sub_epi16(positive, _mm512_srl_epi16(tail, gelu->down));
+	return _mm512_sub_epi16(positive, _mm512_srlv_epi16(tail, gelu->down));
 }
 
 #endif

@@ -49,11 +49,11 @@ DVSM_INLINE void finish(const struct dvsm_fixed_gemm *job, const struct requanti
 	if (job->epilogue == DVSM_FIXED_ADD) {
 		int32_t *c = (int32_t *)job->c + at;
 		__m512i before = _mm512_maskz_loadu_epi32(columns->lanes, c);
-		__m512i r = requantise(how->narrow, true, how, scale, columns, sums);
+		__m512i r = requantise(how->way, true, how, scale, columns, sums);
 
 		_mm512_mask_storeu_epi32(c, columns->lanes, _mm512_add_epi32(before, r));
 	} else {
-		__m512i r = requantise(how->narrow, false, how, scale, columns, sums);
+		__m512i r = requantise(how->way, false, how, scale, columns, sums);
 
 		_mm512_mask_cvtsepi32_storeu_epi16((int16_t *)job->c + at, columns->lanes, r);
 	}
