@@ -7,20 +7,20 @@
 #include "kernels/fixed_avx512.h"
 #include "kernels/tier.h"
 
-/* A query on its way; the arrays lie in the scratch. */
-struct query {
-	const int8_t *q;
-	struct dvsm_fixed_slope slope;
-	int32_t factor; /* the slope's, twice */
-	int32_t offset; /* -128 times the sum of q */
+/* What all scores of a query meet, once its largest is known. */
+struct slope {
 	int32_t top;
-	int64_t sum;
-	int32_t *scores; /* as many as are kept */
-	uint8_t *high;   /* [DVSM_FIXED_KEYS] planes of the weights */
-	uint8_t *low;
-	int32_t *o;     /* [head_width] sums with the high plane */
-	int32_t *o_low; /* [head_width] sums with the low one */
+	int32_t factor; /* twice, in both words */
+	int32_t down, up;
 };
+
+static inline struct slope slope_make(struct dvsm_fixed_scale scale)
+{
+	const struct dvsm_fixed_slope slope = dvsm_fixed_slope_make(scale);
+
+	return (struct slope){
+		.factor = (int32_t)(slope.factor * 0x10001u), .down = slope.down, .up = slope.up};
+}
 
 static inline __m512i largest_lanes(const int32_t *scores, size_t count)
 {
@@ -37,25 +37,6 @@ static inline __m512i largest_lanes(const int32_t *scores, size_t count)
 	return _mm512_max_epi32(largest, other);
 }
 
-/* What all scores of a query meet. */
-struct slope_lanes {
-	__m512i top, factor, limit;
-	__m128i down, up;
-};
-
-static inline struct slope_lanes slope_prepare(const struct query *query)
-{
-	const struct dvsm_fixed_slope slope = query->slope;
-
-	return (struct slope_lanes){
-		.top = _mm512_set1_epi32(query->top),
-		.factor = _mm512_set1_epi32(query->factor),
-		.limit = _mm512_set1_epi16((int16_t)(65535u >> slope.up)),
-		.down = _mm_cvtsi32_si128(slope.down),
-		.up = _mm_cvtsi32_si128(slope.up),
-	};
-}
-
 /* dvsm_fixed_exp2() of 32 numbers, which `up` has been applied to. */
 static inline __m512i exp2_lanes(__m512i x)
 {
@@ -70,16 +51,22 @@ static inline __m512i exp2_lanes(__m512i x)
 	return _mm512_avg_epu16(_mm512_srlv_epi16(r, whole), zero);
 }
 
+/* A slope in all lanes. */
+struct slope_lanes {
+	__m512i top, factor, down, limit;
+	__m128i up;
+};
+
 /* Weights of 32 keys, as vpackusdw leaves them: four of the first sixteen, four of the others. */
-DVSM_INLINE __m512i weigh_pair(const bool down, const bool up, const struct slope_lanes *slope,
+DVSM_INLINE __m512i weigh_pair(const bool up, const struct slope_lanes *slope,
 			       const int32_t *scores)
 {
 	__m512i a = _mm512_sub_epi32(slope->top, _mm512_load_si512(scores));
 	__m512i b = _mm512_sub_epi32(slope->top, _mm512_load_si512(scores + SCORE_STEP));
 
-	if (down) {
-		a = _mm512_sra_epi32(a, slope->down);
-		b = _mm512_sra_epi32(b, slope->down);
+	if (!up) {
+		a = _mm512_srav_epi32(a, slope->down);
+		b = _mm512_srav_epi32(b, slope->down);
 	}
 
 	__m512i x = _mm512_mulhi_epu16(_mm512_packus_epi32(a, b), slope->factor);
@@ -104,19 +91,26 @@ static inline __mmask32 pair_lanes(size_t count)
 }
 
 /* Scores to planes of weights, 64 keys at a time, zeros behind the last; returns their sums. */
-DVSM_INLINE __m512i weigh_keys(const bool down, const bool up, const struct query *query,
-			       const int32_t *scores, uint8_t *high, uint8_t *low, size_t count)
+DVSM_INLINE __m512i weigh_keys(const bool up, const struct slope *query, const int32_t *scores,
+			       uint8_t *high, uint8_t *low, size_t count)
 {
-	const struct slope_lanes slope = slope_prepare(query);
-	const __m512i byte = _mm512_set1_epi16(255), ones = _mm512_set1_epi16(1);
+	const struct slope_lanes slope = {
+		.top = _mm512_set1_epi32(query->top),
+		.factor = _mm512_set1_epi32(query->factor),
+		.down = _mm512_set1_epi32(query->down),
+		.limit = _mm512_set1_epi16((int16_t)(65535u >> query->up)),
+		.up = _mm_cvtsi32_si128(query->up),
+	};
+	const __m512i ones = _mm512_set1_epi16(1);
+	const __m512i apart = _mm512_set4_epi32(0x0e0c0a08, 0x06040200, 0x0f0d0b09, 0x07050301);
 	const __m512i order =
 		_mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
 	__m512i sum = _mm512_setzero_si512(), other = sum;
 
 	for (size_t key = 0; key < count; key += 64, scores += 4 * SCORE_STEP) {
 		const size_t left = count - key;
-		__m512i p = weigh_pair(down, up, &slope, scores);
-		__m512i r = weigh_pair(down, up, &slope, scores + 2 * SCORE_STEP);
+		__m512i p = weigh_pair(up, &slope, scores);
+		__m512i r = weigh_pair(up, &slope, scores + 2 * SCORE_STEP);
 
 		if (left < 64) {
 			p = _mm512_maskz_mov_epi16(pair_lanes(left), p);
@@ -125,91 +119,105 @@ DVSM_INLINE __m512i weigh_keys(const bool down, const bool up, const struct quer
 		sum = _mm512_dpwssd_epi32(sum, p, ones);
 		other = _mm512_dpwssd_epi32(other, r, ones);
 
-		__m512i upper =
-			_mm512_packus_epi16(_mm512_srli_epi16(p, 8), _mm512_srli_epi16(r, 8));
-		__m512i lower =
-			_mm512_packus_epi16(_mm512_and_si512(p, byte), _mm512_and_si512(r, byte));
-
-		_mm512_store_si512(high, _mm512_permutexvar_epi32(order, upper));
-		_mm512_store_si512(low, _mm512_permutexvar_epi32(order, lower));
+		/* In each quarter the high bytes, then the low ones. */
+		p = _mm512_shuffle_epi8(p, apart);
+		r = _mm512_shuffle_epi8(r, apart);
+		_mm512_store_si512(high,
+				   _mm512_permutexvar_epi32(order, _mm512_unpacklo_epi64(p, r)));
+		_mm512_store_si512(low,
+				   _mm512_permutexvar_epi32(order, _mm512_unpackhi_epi64(p, r)));
 		high += WEIGHT_STEP;
 		low += WEIGHT_STEP;
 	}
 	return _mm512_add_epi32(sum, other);
 }
 
-static inline __m512i weigh_scores(const struct query *query, const int32_t *scores, uint8_t *high,
-				   uint8_t *low, size_t count)
+/* Likewise, where the scores are worth so much that they have to grow. */
+static __attribute__((noinline)) __m512i weigh_steep(const struct slope *query,
+						     const int32_t *scores, uint8_t *high,
+						     uint8_t *low, size_t count)
 {
-	if (query->slope.up > 0)
-		return weigh_keys(false, true, query, scores, high, low, count);
-	if (query->slope.down > 0)
-		return weigh_keys(true, false, query, scores, high, low, count);
-	return weigh_keys(false, false, query, scores, high, low, count);
+	return weigh_keys(true, query, scores, high, low, count);
+}
+
+DVSM_INLINE __m512i weigh_scores(const struct slope *query, const int32_t *scores, uint8_t *high,
+				 uint8_t *low, size_t count)
+{
+	if (query->up > 0)
+		return weigh_steep(query, scores, high, low, count);
+	return weigh_keys(false, query, scores, high, low, count);
+}
+
+/* Sixteen channels of the output: what turns sums of weighted values into them. */
+struct channels {
+	__mmask16 lanes;
+	bool high; /* what is dropped is 33 bits at least: the upper halves of products do */
+	__m512i factor, shift, mean;
+};
+
+static inline struct channels load_channels(const struct dvsm_fixed_attention *job, size_t d)
+{
+	const __mmask16 lanes = first_lanes(job->dim - d);
+	const __m512i bits = _mm512_set1_epi32(DVSM_FIXED_QUOTIENT_BITS);
+	__m512i scale = _mm512_maskz_loadu_epi32(lanes, job->v_scale + d);
+	__m512i shift = clamp_shift(_mm512_sub_epi32(bits, _mm512_srai_epi32(scale, 16)));
+	const bool high = !_mm512_cmplt_epi32_mask(shift, _mm512_set1_epi32(33));
+
+	return (struct channels){
+		.lanes = lanes,
+		.high = high,
+		.factor = _mm512_and_si512(scale, _mm512_set1_epi32(0x7fff)),
+		.shift = high ? _mm512_sub_epi32(shift, _mm512_set1_epi32(33)) : shift,
+		.mean = _mm512_cvtepi16_epi32(_mm256_maskz_loadu_epi16(lanes, job->v_mean + d)),
+	};
 }
 
 /* O' of eight channels: 256 high + low in 64-bit lanes, brought to 24 bits below the sum's. */
-static inline __m512i lift(__m256i high, __m256i low, int up)
+static inline __m256i lift_half(__m256i high, __m256i low, int down)
 {
 	__m512i o = _mm512_add_epi64(_mm512_slli_epi64(_mm512_cvtepi32_epi64(high), 8),
 				     _mm512_cvtepi32_epi64(low));
 
+	o = _mm512_sra_epi64(o, _mm_cvtsi32_si128(down - 1));
+	o = _mm512_srai_epi64(_mm512_add_epi64(o, _mm512_set1_epi64(1)), 1);
+	return _mm512_cvtepi64_epi32(o);
+}
+
+/* O' of sixteen, which fits 32 bits; so does O where it has to grow. */
+static inline __m512i lift(__m512i high, __m512i low, int up)
+{
 	if (up >= 0)
-		return _mm512_sll_epi64(o, _mm_cvtsi32_si128(up));
-	o = _mm512_sra_epi64(o, _mm_cvtsi32_si128(-up - 1));
-	return _mm512_srai_epi64(_mm512_add_epi64(o, _mm512_set1_epi64(1)), 1);
+		return _mm512_sll_epi32(_mm512_add_epi32(_mm512_slli_epi32(high, 8), low),
+					_mm_cvtsi32_si128(up));
+	return _mm512_inserti64x4(
+		_mm512_castsi256_si512(
+			lift_half(_mm512_castsi512_si256(high), _mm512_castsi512_si256(low), -up)),
+		lift_half(_mm512_extracti64x4_epi64(high, 1), _mm512_extracti64x4_epi64(low, 1),
+			  -up),
+		1);
 }
 
-/* Likewise of sixteen, in 32. */
-static inline __m512i lift_row(const struct query *query, size_t d, int up)
+/* o / sum of sixteen channels, in the output's units. */
+static inline void write_channels(const struct channels *channels,
+				  struct dvsm_fixed_quotient quotient, __m512i high, __m512i low,
+				  int16_t *out)
 {
-	__m512i high = _mm512_load_si512(query->o + d), low = _mm512_load_si512(query->o_low + d);
-	__m512i first = lift(_mm512_castsi512_si256(high), _mm512_castsi512_si256(low), up);
-	__m512i second =
-		lift(_mm512_extracti64x4_epi64(high, 1), _mm512_extracti64x4_epi64(low, 1), up);
+	const __m512i inverse = _mm512_set1_epi32(quotient.inverse), one = _mm512_set1_epi32(1);
+	__m512i o = lift(high, low, quotient.up), r;
 
-	return _mm512_inserti64x4(_mm512_castsi256_si512(_mm512_cvtepi64_epi32(first)),
-				  _mm512_cvtepi64_epi32(second), 1);
-}
+	if (channels->high) {
+		__m512i even = _mm512_mul_epi32(inverse, channels->factor);
+		__m512i odd = _mm512_mul_epi32(inverse, odd_lanes(channels->factor));
 
-/* o / sum, in the output's units. */
-static void write_out(const struct dvsm_fixed_attention *job, const struct query *query,
-		      int16_t *out)
-{
-	const struct dvsm_fixed_quotient quotient = dvsm_fixed_divide((uint64_t)query->sum);
-	const __m512i inverse = _mm512_set1_epi32(quotient.inverse);
-	const __m512i most = _mm512_set1_epi32(INT16_MAX), least = _mm512_set1_epi32(INT16_MIN);
-	const __m512i bits = _mm512_set1_epi32(DVSM_FIXED_QUOTIENT_BITS);
+		even = _mm512_shuffle_epi32(_mm512_mul_epi32(o, even), _MM_PERM_CDAB);
+		odd = _mm512_mul_epi32(odd_lanes(o), odd);
+		r = _mm512_srav_epi32(_mm512_mask_mov_epi32(even, 0xaaaa, odd), channels->shift);
+		r = _mm512_srai_epi32(_mm512_add_epi32(r, one), 1);
+	} else {
+		__m512i factor = _mm512_mullo_epi32(inverse, channels->factor);
 
-	for (size_t d = 0; d < job->dim; d += 16) {
-		__mmask16 lanes = first_lanes(job->dim - d);
-		__m512i scale = _mm512_maskz_loadu_epi32(lanes, job->v_scale + d);
-		__m512i mean =
-			_mm512_cvtepi16_epi32(_mm256_maskz_loadu_epi16(lanes, job->v_mean + d));
-		__m512i factor = _mm512_mullo_epi32(
-			inverse, _mm512_and_si512(scale, _mm512_set1_epi32(0x7fff)));
-		__m512i shift = clamp_shift(_mm512_sub_epi32(bits, _mm512_srai_epi32(scale, 16)));
-		struct wide r = round_products(lift_row(query, d, quotient.up), factor, shift);
-		__m512i sum = _mm512_add_epi32(mean, wide_saturate(r, 1 << 30));
-
-		sum = _mm512_max_epi32(_mm512_min_epi32(sum, most), least);
-		_mm512_mask_cvtepi32_storeu_epi16(out + d, lanes, sum);
+		r = wide_saturate(round_products(o, factor, channels->shift), 1 << 30);
 	}
-}
-
-static void start(const struct dvsm_fixed_attention *job, size_t index, struct query *query)
-{
-	const __m512i ones = _mm512_set1_epi8(1);
-	__m512i sum = _mm512_setzero_si512();
-
-	query->q = job->q + index * job->q_stride;
-	query->slope = dvsm_fixed_slope_make(job->q_scale[index * job->scale_stride]);
-	query->factor = (int32_t)(query->slope.factor * 0x10001u);
-	query->top = 0;
-	query->sum = 0;
-	for (size_t d = 0; d < job->head_width; d += 16)
-		sum = _mm512_dpbusd_epi32(sum, ones, _mm512_maskz_loadu_epi32(0xf, query->q + d));
-	query->offset = -128 * _mm512_reduce_add_epi32(sum);
-	memset(query->o, 0, job->head_width * sizeof(*query->o));
-	memset(query->o_low, 0, job->head_width * sizeof(*query->o_low));
+	r = _mm512_add_epi32(r, channels->mean);
+	_mm256_mask_storeu_epi16(out, channels->lanes, _mm512_cvtsepi32_epi16(r));
 }

@@ -21,6 +21,36 @@
 
 #include "kernels/fixed_avx512_softmax.inc.h"
 
+/* A query on its way; the arrays lie in the scratch. */
+struct query {
+	const int8_t *q;
+	struct slope slope;
+	int32_t top;
+	int32_t offset; /* -128 times the sum of q */
+	int64_t sum;
+	int32_t *scores; /* as many as are kept */
+	uint8_t *high;   /* [DVSM_FIXED_KEYS] planes of the weights */
+	uint8_t *low;
+	int32_t *o;     /* [head_width] sums with the high plane */
+	int32_t *o_low; /* [head_width] sums with the low one */
+};
+
+static void start(const struct dvsm_fixed_attention *job, size_t index, struct query *query)
+{
+	const __m512i ones = _mm512_set1_epi8(1);
+	__m512i sum = _mm512_setzero_si512();
+
+	query->q = job->q + index * job->q_stride;
+	query->slope = slope_make(job->q_scale[index * job->scale_stride]);
+	query->top = 0;
+	query->sum = 0;
+	for (size_t d = 0; d < job->head_width; d += 16)
+		sum = _mm512_dpbusd_epi32(sum, ones, _mm512_maskz_loadu_epi32(0xf, query->q + d));
+	query->offset = -128 * _mm512_reduce_add_epi32(sum);
+	memset(query->o, 0, job->head_width * sizeof(*query->o));
+	memset(query->o_low, 0, job->head_width * sizeof(*query->o_low));
+}
+
 static inline __m512i broadcast(const void *four)
 {
 	int bits;
@@ -160,9 +190,24 @@ static int32_t largest_score(const struct query *query, size_t count, size_t at)
 
 static void weigh(struct query *query, size_t count, size_t at)
 {
-	__m512i sums = weigh_scores(query, query->scores + at, query->high, query->low, count);
+	__m512i sums;
 
+	query->slope.top = query->top;
+	sums = weigh_scores(&query->slope, query->scores + at, query->high, query->low, count);
 	query->sum += _mm512_reduce_add_epi32(sums);
+}
+
+static void write_out(const struct dvsm_fixed_attention *job, const struct query *query,
+		      int16_t *out)
+{
+	const struct dvsm_fixed_quotient quotient = dvsm_fixed_divide((uint64_t)query->sum);
+
+	for (size_t d = 0; d < job->dim; d += 16) {
+		const struct channels channels = load_channels(job, d);
+
+		write_channels(&channels, quotient, _mm512_load_si512(query->o + d),
+			       _mm512_load_si512(query->o_low + d), out + d);
+	}
 }
 
 /* Places for the queries of a group in the caller's scratch. */
