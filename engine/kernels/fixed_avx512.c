@@ -1,7 +1,61 @@
 /* The fixed-point kernels for AVX-512 F, BW, DQ, VL beside the products: norms and packing. */
-#include "kernels/fixed_avx512.h"
+#include "kernels/fixed_avx512_lanes.h"
 #include "kernels/fixed_tiers.h"
 #include "kernels/tier.h"
+
+/* Numbers that become 64 bytes of a row. */
+#define GROUP 64u
+
+#define ALL_LANES (~(__mmask64)0)
+
+/* The first n of 64 lanes. */
+static inline __mmask64 first_bytes(size_t n)
+{
+	return n >= GROUP ? ALL_LANES : ((__mmask64)1 << n) - 1;
+}
+
+static inline __m512i load_s32(const int32_t *p, __mmask16 lanes)
+{
+	return lanes == 0xffff ? _mm512_loadu_si512(p) : _mm512_maskz_loadu_epi32(lanes, p);
+}
+
+/* Products of numbers of 16 bits in 32-bit lanes; b's upper halves are 0. */
+static inline __m512i multiply_words(__m512i a, __m512i b)
+{
+	return _mm512_madd_epi16(a, b);
+}
+
+/* As multiply_words() takes its second numbers. */
+static inline __m512i load_words(const int16_t *p, __mmask16 lanes)
+{
+	return _mm512_cvtepu16_epi32(lanes == 0xffff
+					     ? _mm256_loadu_si256((const __m256i *)p)
+					     : _mm256_maskz_loadu_epi16(lanes, p));
+}
+
+/* 2^s / 2, or 0 for s = 0: what R(a, s) adds before it shifts. */
+static inline __m512i half_of(__m512i s)
+{
+	return _mm512_srli_epi32(_mm512_sllv_epi32(_mm512_set1_epi32(1), s), 1);
+}
+
+static inline __m512i positive(__m512i a)
+{
+	return _mm512_max_epi32(a, _mm512_setzero_si512());
+}
+
+static inline __m512i negative(__m512i a)
+{
+	return _mm512_sub_epi32(_mm512_setzero_si512(), a);
+}
+
+/* The larger of low's and of high's distance from 0, where that lies between or a side has none. */
+static inline __m512i larger_size(__m512i low, __m512i high)
+{
+	return _mm512_max_epi32(negative(low), high);
+}
+
+#include "kernels/fixed_avx512_norm.inc.h"
 
 /* R(a, s) in every lane, s 0..62; |a| is at most 2^30. */
 static inline __m512i round_lanes(__m512i a, int s)
@@ -16,19 +70,6 @@ static inline __m512i round_lanes(__m512i a, int s)
 	return _mm512_srai_epi32(_mm512_add_epi32(a, one), 1);
 }
 
-/* Products of numbers of 16 bits in 32-bit lanes; b's upper halves are 0. */
-static inline __m512i multiply_words(__m512i a, __m512i b)
-{
-	return _mm512_madd_epi16(a, b);
-}
-
-/* sum + a, of which a is unsigned 32-bit lanes and the sum 64-bit ones. */
-static inline __m512i add_wide(__m512i sum, __m512i a)
-{
-	sum = _mm512_add_epi64(sum, _mm512_and_si512(a, _mm512_set1_epi64(0xffffffff)));
-	return _mm512_add_epi64(sum, odd_lanes(a));
-}
-
 /* dvsm_fixed_narrow_shift() */
 static inline __m512i narrow_lanes(__m512i y, int shift)
 {
@@ -38,149 +79,6 @@ static inline __m512i narrow_lanes(__m512i y, int shift)
 static inline __m512i load_s16(const int16_t *p, __mmask16 lanes)
 {
 	return _mm512_cvtepi16_epi32(_mm256_maskz_loadu_epi16(lanes, p));
-}
-
-/* As multiply_words() takes its second numbers. */
-static inline __m512i load_words(const int16_t *p, __mmask16 lanes)
-{
-	return _mm512_cvtepu16_epi32(_mm256_maskz_loadu_epi16(lanes, p));
-}
-
-/* ---- LayerNorm ---- */
-
-struct row_norm {
-	int first, second;
-	int32_t mean;
-	uint32_t largest;
-	uint64_t squares;
-};
-
-struct extent {
-	int32_t low, high;
-};
-
-static struct extent extent_of(const int32_t *x, size_t dim)
-{
-	__m512i low = _mm512_set1_epi32(INT32_MAX), high = _mm512_set1_epi32(INT32_MIN);
-
-	for (size_t d = 0; d < dim; d += 16) {
-		__mmask16 lanes = first_lanes(dim - d);
-		__m512i a = _mm512_maskz_loadu_epi32(lanes, x + d);
-
-		low = _mm512_mask_min_epi32(low, lanes, low, a);
-		high = _mm512_mask_max_epi32(high, lanes, high, a);
-	}
-	return (struct extent){_mm512_reduce_min_epi32(low), _mm512_reduce_max_epi32(high)};
-}
-
-static uint32_t larger_size(int32_t low, int32_t high)
-{
-	uint32_t below = low < 0 ? 0u - (uint32_t)low : 0, above = high > 0 ? (uint32_t)high : 0;
-
-	return below > above ? below : above;
-}
-
-/* x' of each number is below 2^30 / dim: their sum fits a lane. */
-static int32_t mean_of(const int32_t *x, size_t dim, int shift)
-{
-	const int64_t count = (int64_t)dim;
-	__m512i sum = _mm512_setzero_si512();
-	int64_t twice, mean;
-
-	for (size_t d = 0; d < dim; d += 16) {
-		__m512i a = _mm512_maskz_loadu_epi32(first_lanes(dim - d), x + d);
-
-		sum = _mm512_add_epi32(sum, round_lanes(a, shift));
-	}
-	twice = 2 * (int64_t)_mm512_reduce_add_epi32(sum) + count;
-	mean = twice / (2 * count);
-	return (int32_t)(twice < 0 && mean * 2 * count != twice ? mean - 1 : mean);
-}
-
-/* x' without its mean; 0 in lanes that are not there. */
-static inline __m512i centred(const struct row_norm *row, const int32_t *x, __mmask16 lanes)
-{
-	__m512i a = round_lanes(_mm512_maskz_loadu_epi32(lanes, x), row->first);
-
-	return _mm512_maskz_sub_epi32(lanes, a, _mm512_set1_epi32(row->mean));
-}
-
-static struct row_norm measure_row(const int32_t *x, size_t dim,
-				   const struct dvsm_fixed_gain *weights)
-{
-	struct row_norm row = {0};
-	const struct extent extent = extent_of(x, dim);
-	const __m512i low_word = _mm512_set1_epi32(0xffff);
-	__m512i largest = _mm512_setzero_si512(), squares = largest;
-	int excess = dvsm_fixed_bits(larger_size(extent.low, extent.high)) -
-		     (30 - dvsm_fixed_log2_up(dim));
-
-	row.first = excess > 0 ? excess : 0;
-	row.mean = mean_of(x, dim, row.first);
-	/* c' rises with x: the ends of x are its ends. */
-	excess = dvsm_fixed_bits(larger_size(
-			 (int32_t)dvsm_fixed_round(extent.low, row.first) - row.mean,
-			 (int32_t)dvsm_fixed_round(extent.high, row.first) - row.mean)) -
-		 14;
-	row.second = excess > 0 ? excess : 0;
-	for (size_t d = 0; d < dim; d += 16) {
-		__mmask16 lanes = first_lanes(dim - d);
-		__m512i c = round_lanes(centred(&row, x + d, lanes), row.second);
-		__m512i y = multiply_words(c, load_words(weights->gain + d, lanes));
-
-		squares = add_wide(squares, multiply_words(c, _mm512_and_si512(c, low_word)));
-		largest = _mm512_max_epu32(largest, _mm512_abs_epi32(y));
-	}
-	row.largest = _mm512_reduce_max_epu32(largest);
-	row.squares =
-		(uint64_t)dvsm_fixed_round(weights->epsilon,
-					   dvsm_fixed_clamp(2 * (row.first + row.second), 0, 62)) +
-		(uint64_t)_mm512_reduce_add_epi64(squares);
-	return row;
-}
-
-static void norm_row(const struct dvsm_fixed_norm *job, const int32_t *x, int8_t *high, int8_t *low,
-		     struct dvsm_fixed_scale *scale)
-{
-	struct row_norm row = measure_row(x, job->dim, &job->gain);
-	struct dvsm_fixed_narrow narrow =
-		dvsm_fixed_narrow_make(row.largest, job->fine, row.squares, job->gain.scale);
-	const __m512i inverse = _mm512_set1_epi32(narrow.inverse);
-
-	for (size_t d = 0; d < job->dim; d += 16) {
-		__mmask16 lanes = first_lanes(job->dim - d);
-		__m512i c = round_lanes(centred(&row, x + d, lanes), row.second);
-		__m512i y = multiply_words(c, load_words(job->gain.gain + d, lanes));
-
-		y = narrow_lanes(y, narrow.shift);
-		if (low) {
-			__m512i upper =
-				_mm512_srai_epi32(_mm512_add_epi32(y, _mm512_set1_epi32(128)), 8);
-
-			/* The lower plane is what is left of the lowest byte, signed. */
-			_mm512_mask_cvtepi32_storeu_epi8(high + d, lanes, upper);
-			_mm512_mask_cvtepi32_storeu_epi8(low + d, lanes, y);
-		} else {
-			y = round_lanes(multiply_words(y, inverse), 15);
-			_mm512_mask_cvtepi32_storeu_epi8(high + d, lanes, y);
-		}
-	}
-	*scale = narrow.scale;
-}
-
-static void norm(const struct dvsm_fixed_norm *job)
-{
-	const size_t rest = job->out_stride - job->dim;
-
-	for (size_t i = 0; i < job->rows; i++) {
-		int8_t *high = job->high + i * job->out_stride;
-		int8_t *low = job->fine ? job->low + i * job->out_stride : NULL;
-
-		norm_row(job, job->x + i * job->dim, high, low, &job->a_scale[i]);
-		memset(high + job->dim, 0, rest);
-		if (low)
-			memset(low + job->dim, 0, rest);
-	}
 }
 
 /* ---- int16 to int8 ---- */
