@@ -28,9 +28,8 @@ static inline __m512i multiply_words(__m512i a, __m512i b)
 /* As multiply_words() takes its second numbers. */
 static inline __m512i load_words(const int16_t *p, __mmask16 lanes)
 {
-	return _mm512_cvtepu16_epi32(lanes == 0xffff
-					     ? _mm256_loadu_si256((const __m256i *)p)
-					     : _mm256_maskz_loadu_epi16(lanes, p));
+	return _mm512_cvtepu16_epi32(lanes == 0xffff ? _mm256_loadu_si256((const __m256i *)p)
+						     : _mm256_maskz_loadu_epi16(lanes, p));
 }
 
 /* 2^s / 2, or 0 for s = 0: what R(a, s) adds before it shifts. */
@@ -56,134 +55,7 @@ static inline __m512i larger_size(__m512i low, __m512i high)
 }
 
 #include "kernels/fixed_avx512_norm.inc.h"
-
-/* R(a, s) in every lane, s 0..62; |a| is at most 2^30. */
-static inline __m512i round_lanes(__m512i a, int s)
-{
-	const __m512i one = _mm512_set1_epi32(1);
-
-	if (s == 0)
-		return a;
-	/* floor((a 2^-(s - 1) + 1) / 2) is floor(a 2^-s + 1/2); a shift beyond 31 leaves the sign.
-	 */
-	a = _mm512_sra_epi32(a, _mm_cvtsi32_si128(s - 1));
-	return _mm512_srai_epi32(_mm512_add_epi32(a, one), 1);
-}
-
-/* dvsm_fixed_narrow_shift() */
-static inline __m512i narrow_lanes(__m512i y, int shift)
-{
-	return shift >= 0 ? round_lanes(y, shift) : _mm512_sll_epi32(y, _mm_cvtsi32_si128(-shift));
-}
-
-static inline __m512i load_s16(const int16_t *p, __mmask16 lanes)
-{
-	return _mm512_cvtepi16_epi32(_mm256_maskz_loadu_epi16(lanes, p));
-}
-
-/* ---- int16 to int8 ---- */
-
-static uint32_t largest_s16(const int16_t *x, size_t dim)
-{
-	__m512i largest = _mm512_setzero_si512();
-	uint32_t most;
-
-	for (size_t d = 0; d < dim; d += 32) {
-		__m512i a = _mm512_maskz_loadu_epi16(first_words(dim - d), x + d);
-
-		largest = _mm512_max_epu16(largest, _mm512_abs_epi16(a));
-	}
-	largest = _mm512_max_epu32(_mm512_srli_epi32(largest, 16),
-				   _mm512_and_si512(largest, _mm512_set1_epi32(0xffff)));
-	most = _mm512_reduce_max_epu32(largest);
-	return most > INT16_MAX ? INT16_MAX : most;
-}
-
-static void quantise(const struct dvsm_fixed_quantise *job)
-{
-	for (size_t i = 0; i < job->rows; i++) {
-		const int16_t *x = job->x + i * job->x_stride;
-		int8_t *a = job->a + i * job->a_stride;
-		struct dvsm_fixed_fit fit = dvsm_fixed_fit_make(largest_s16(x, job->dim));
-		const __m512i inverse = _mm512_set1_epi16(fit.inverse);
-		const __m128i shift = _mm_cvtsi32_si128(fit.shift);
-
-		for (size_t d = 0; d < job->dim; d += 32) {
-			__mmask32 lanes = first_words(job->dim - d);
-			__m512i b = _mm512_sll_epi16(_mm512_maskz_loadu_epi16(lanes, x + d), shift);
-
-			_mm512_mask_cvtepi16_storeu_epi8(a + d, lanes,
-							 _mm512_mulhrs_epi16(b, inverse));
-		}
-		memset(a + job->dim, 0, job->a_stride - job->dim);
-		job->a_scale[i] = dvsm_fixed_shift(fit.scale, -job->fraction);
-	}
-}
-
-/* ---- QK-norm ---- */
-
-static uint64_t sum_squares(const int16_t *u, size_t dim)
-{
-	__m512i squares = _mm512_setzero_si512();
-
-	for (size_t d = 0; d < dim; d += 32) {
-		__m512i a = _mm512_maskz_loadu_epi16(first_words(dim - d), u + d);
-
-		/* Two squares are 2^31 at most, as 32 bits without a sign hold. */
-		squares = add_wide(squares, _mm512_madd_epi16(a, a));
-	}
-	return (uint64_t)_mm512_reduce_add_epi64(squares);
-}
-
-static void query(const int16_t *u, size_t dim, const struct dvsm_fixed_gain *weights, int8_t *q,
-		  struct dvsm_fixed_scale *scale)
-{
-	__m512i largest = _mm512_setzero_si512(), inverse;
-
-	for (size_t d = 0; d < dim; d += 16) {
-		__mmask16 lanes = first_lanes(dim - d);
-		__m512i y = multiply_words(load_s16(weights->gain + d, lanes),
-					   load_words(u + d, lanes));
-
-		largest = _mm512_max_epu32(largest, _mm512_abs_epi32(y));
-	}
-
-	struct dvsm_fixed_narrow narrow = dvsm_fixed_narrow_make(
-		_mm512_reduce_max_epu32(largest), false,
-		sum_squares(u, dim) + (uint64_t)weights->epsilon, weights->scale);
-
-	inverse = _mm512_set1_epi32(narrow.inverse);
-	for (size_t d = 0; d < dim; d += 16) {
-		__mmask16 lanes = first_lanes(dim - d);
-		__m512i y = multiply_words(load_s16(weights->gain + d, lanes),
-					   load_words(u + d, lanes));
-
-		y = multiply_words(narrow_lanes(y, narrow.shift), inverse);
-		_mm512_mask_cvtepi32_storeu_epi8(q + d, lanes, round_lanes(y, 15));
-	}
-	*scale = narrow.scale;
-}
-
-#include "kernels/fixed_queries.inc.h"
-
-static void keys(const struct dvsm_fixed_keys *job)
-{
-	for (size_t i = 0; i < job->rows; i++) {
-		const int16_t *u = job->u + i * job->u_stride;
-		int16_t *n = job->n + i * job->n_stride;
-		const struct dvsm_fixed_factor factor =
-			dvsm_fixed_key_factor(job, sum_squares(u, job->dim));
-		const __m512i mantissa = _mm512_set1_epi32(factor.mantissa);
-
-		for (size_t d = 0; d < job->dim; d += 16) {
-			__mmask16 lanes = first_lanes(job->dim - d);
-			__m512i y = _mm512_mullo_epi32(load_s16(u + d, lanes), mantissa);
-
-			_mm512_mask_cvtsepi32_storeu_epi16(n + d, lanes,
-							   round_lanes(y, factor.shift));
-		}
-	}
-}
+#include "kernels/fixed_avx512_words.inc.h"
 
 /* ---- keys and values ---- */
 

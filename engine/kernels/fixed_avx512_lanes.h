@@ -20,8 +20,8 @@
 typedef __m512i combine_fn(__m512i a, __m512i b);
 
 /* The 128-bit lanes of four vectors, each combined to one, side by side. */
-static inline __attribute__((always_inline)) __m512i
-fold_quarters(__m512i a, __m512i b, __m512i c, __m512i d, combine_fn *combine)
+static inline __attribute__((always_inline)) __m512i fold_quarters(__m512i a, __m512i b, __m512i c,
+								   __m512i d, combine_fn *combine)
 {
 	__m512i ab = combine(_mm512_shuffle_i64x2(a, b, 0x44), _mm512_shuffle_i64x2(a, b, 0xee));
 	__m512i cd = combine(_mm512_shuffle_i64x2(c, d, 0x44), _mm512_shuffle_i64x2(c, d, 0xee));
@@ -36,8 +36,8 @@ static inline __attribute__((always_inline)) __m512i fold_rows(const __m512i row
 	__m512i quarters[4], low, high;
 
 	for (size_t k = 0; k < 4; k++)
-		quarters[k] = fold_quarters(rows[k], rows[k + 4], rows[k + 8], rows[k + 12],
-					    combine);
+		quarters[k] =
+			fold_quarters(rows[k], rows[k + 4], rows[k + 8], rows[k + 12], combine);
 	low = combine(_mm512_unpacklo_epi64(quarters[0], quarters[1]),
 		      _mm512_unpackhi_epi64(quarters[0], quarters[1]));
 	high = combine(_mm512_unpacklo_epi64(quarters[2], quarters[3]),
@@ -47,6 +47,13 @@ static inline __attribute__((always_inline)) __m512i fold_rows(const __m512i row
 
 	return combine(_mm512_castps_si512(_mm512_shuffle_ps(a, b, 0x88)),
 		       _mm512_castps_si512(_mm512_shuffle_ps(a, b, 0xdd)));
+}
+
+/** Zeros for the rows that are not there. */
+static inline void clear_rows(__m512i rows[ROWS], size_t count)
+{
+	for (size_t i = count; i < ROWS; i++)
+		rows[i] = _mm512_setzero_si512();
 }
 
 static inline __m512i min_s32(__m512i a, __m512i b)
@@ -101,8 +108,8 @@ static inline __m512i float_make(__m512i number)
 
 static inline __m512i float_multiply(__m512i a, __m512i b)
 {
-	return _mm512_castps_si512(_mm512_mul_round_ps(_mm512_castsi512_ps(a),
-						       _mm512_castsi512_ps(b), TOWARDS_ZERO));
+	return _mm512_castps_si512(
+		_mm512_mul_round_ps(_mm512_castsi512_ps(a), _mm512_castsi512_ps(b), TOWARDS_ZERO));
 }
 
 static inline __m512i float_divide(float a, __m512i b)
@@ -193,8 +200,7 @@ static inline void scale_lanes_store(struct scale_lanes a, struct dvsm_fixed_sca
 static inline struct scale_lanes scale_lanes_inverse(__m512i inverse)
 {
 	const __mmask16 some = _mm512_test_epi32_mask(inverse, inverse);
-	const __m512 quotient =
-		_mm512_castsi512_ps(float_divide(1 << 30, float_make(inverse)));
+	const __m512 quotient = _mm512_castsi512_ps(float_divide(1 << 30, float_make(inverse)));
 	const __m512i number = _mm512_castps_si512(
 		_mm512_add_round_ps(quotient, _mm512_set1_ps(0.5f), TOWARDS_ZERO));
 
@@ -220,10 +226,10 @@ static inline struct power_of_four split_powers(__m512i n)
 
 	/* (bits & (2^52 - 1)) | 2^52 */
 	return (struct power_of_four){
-		_mm512_srlv_epi64(_mm512_ternarylogic_epi64(
-					  bits, _mm512_sub_epi64(one, _mm512_set1_epi64(1)), one,
-					  0xea),
-				  down),
+		_mm512_srlv_epi64(
+			_mm512_ternarylogic_epi64(bits, _mm512_sub_epi64(one, _mm512_set1_epi64(1)),
+						  one, 0xea),
+			down),
 		exponent,
 	};
 }
@@ -233,8 +239,8 @@ static inline __m512i guess_roots(__m512i m)
 {
 	const uint16_t *table = dvsm_fixed_rsqrt_guess;
 	const __m512i at = _mm512_sub_epi32(_mm512_srli_epi32(m, 25), _mm512_set1_epi32(32));
-	const __m512i low = _mm512_maskz_permutex2var_epi16(
-		0x55555555, _mm512_loadu_si512(table), at, _mm512_loadu_si512(table + 32));
+	const __m512i low = _mm512_maskz_permutex2var_epi16(0x55555555, _mm512_loadu_si512(table),
+							    at, _mm512_loadu_si512(table + 32));
 	const __mmask16 upper = _mm512_cmpgt_epi32_mask(at, _mm512_set1_epi32(63));
 	const __m512i high =
 		_mm512_maskz_permutexvar_epi16(0x55555555, at, _mm512_loadu_si512(table + 64));
@@ -268,8 +274,8 @@ static inline struct scale_lanes scale_lanes_rsqrt(struct wide n)
 	const __m512i m = wide_low((struct wide){even.m, odd.m});
 	const __m512i exponent = wide_low((struct wide){even.exponent, odd.exponent});
 	/* floor((bits - 31) / 2), where bits are the exponent less 1022. */
-	const __m512i half = _mm512_srai_epi32(
-		_mm512_sub_epi32(exponent, _mm512_set1_epi32(1022 + 31)), 1);
+	const __m512i half =
+		_mm512_srai_epi32(_mm512_sub_epi32(exponent, _mm512_set1_epi32(1022 + 31)), 1);
 	const __mmask16 some = _mm512_test_epi32_mask(exponent, exponent);
 	const __m512i y = improve_roots(improve_roots(guess_roots(m), m), m);
 

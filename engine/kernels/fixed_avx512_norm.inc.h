@@ -27,13 +27,16 @@ struct extents {
 
 static struct extents find_extents(const int32_t *x, size_t rows, size_t dim)
 {
-	__m512i lows[ROWS] = {0}, highs[ROWS] = {0};
+	__m512i lows[ROWS], highs[ROWS];
 
+	clear_rows(lows, rows);
+	clear_rows(highs, rows);
 	for (size_t i = 0; i < rows; i++, x += dim) {
 		__m512i low = _mm512_set1_epi32(x[0]), high = low, a;
 		size_t d = 0;
 
-		for (; d + 16 <= dim; d += 16) {
+		_Pragma("GCC unroll 4") for (; d + 16 <= dim; d += 16)
+		{
 			a = _mm512_loadu_si512(x + d);
 			low = _mm512_min_epi32(low, a);
 			high = _mm512_max_epi32(high, a);
@@ -48,9 +51,10 @@ static struct extents find_extents(const int32_t *x, size_t rows, size_t dim)
 /* Sums of x' = (x + half) >> first. */
 static __m512i sum_rows(const int32_t *x, size_t rows, size_t dim, __m512i half, __m512i first)
 {
-	__m512i sums[ROWS] = {0};
+	__m512i sums[ROWS];
 	int32_t halves[ROWS], shifts[ROWS];
 
+	clear_rows(sums, rows);
 	_mm512_storeu_si512(halves, half);
 	_mm512_storeu_si512(shifts, first);
 	for (size_t i = 0; i < rows; i++, x += dim) {
@@ -58,7 +62,8 @@ static __m512i sum_rows(const int32_t *x, size_t rows, size_t dim, __m512i half,
 		__m512i sum = _mm512_setzero_si512(), a;
 		size_t d = 0;
 
-		for (; d + 16 <= dim; d += 16) {
+		_Pragma("GCC unroll 4") for (; d + 16 <= dim; d += 16)
+		{
 			a = _mm512_add_epi32(_mm512_loadu_si512(x + d), add);
 			sum = _mm512_add_epi32(sum, _mm512_srav_epi32(a, by));
 		}
@@ -93,8 +98,7 @@ static inline __m512i mean_of(__m512i sum, size_t dim)
 static inline __m512i round_epsilon(int64_t epsilon, __m512i s)
 {
 	const __m512i even = _mm512_and_si512(s, _mm512_set1_epi64(0xffffffff));
-	const __m512i half =
-		_mm512_srli_epi64(_mm512_sllv_epi64(_mm512_set1_epi64(1), even), 1);
+	const __m512i half = _mm512_srli_epi64(_mm512_sllv_epi64(_mm512_set1_epi64(1), even), 1);
 
 	return _mm512_srlv_epi64(_mm512_add_epi64(_mm512_set1_epi64(epsilon), half), even);
 }
@@ -125,10 +129,9 @@ struct measure {
 	__m512i squares, largest; /* sums of 32 bits; |y|, not for a gain of ones */
 };
 
-static inline __attribute__((always_inline)) void measure_group(const int32_t *x,
-								 const int16_t *gain, __mmask64 lanes,
-								 __m512i offset, __m512i shift,
-								 bool ones, struct measure *measure)
+static inline __attribute__((always_inline)) void
+measure_group(const int32_t *x, const int16_t *gain, __mmask64 lanes, __m512i offset, __m512i shift,
+	      bool ones, struct measure *measure)
 {
 	const struct quad quad = shift_group(x, lanes, offset, shift);
 
@@ -151,10 +154,12 @@ static inline __attribute__((always_inline)) struct wide
 measure_rows(const struct dvsm_fixed_norm *job, const int32_t *x, size_t rows, bool ones,
 	     const struct norm_rows *by, __m512i *largest)
 {
-	__m512i sums[ROWS] = {0}, sizes[ROWS] = {0};
 	const int16_t *gain = job->gain.gain;
 	const size_t dim = job->dim;
+	__m512i sums[ROWS], sizes[ROWS];
 
+	clear_rows(sums, 0);
+	clear_rows(sizes, rows);
 	for (size_t i = 0; i < rows; i++, x += dim) {
 		const __m512i offset = _mm512_set1_epi32(by->offset[i]);
 		const __m512i shift = _mm512_set1_epi32(by->shift[i]);
@@ -221,9 +226,10 @@ static inline struct norm_factors norm_factors_of(const struct norm_rows *by, si
 	};
 }
 
-static inline __attribute__((always_inline)) void
-norm_group(const int32_t *x, const int16_t *gain, __mmask64 lanes, bool ones,
-	   const struct norm_factors *by, int8_t *high, int8_t *low)
+static inline __attribute__((always_inline)) void norm_group(const int32_t *x, const int16_t *gain,
+							     __mmask64 lanes, bool ones,
+							     const struct norm_factors *by,
+							     int8_t *high, int8_t *low)
 {
 	struct quad quad = shift_group(x, lanes, by->offset, by->shift);
 
@@ -237,9 +243,9 @@ norm_group(const int32_t *x, const int16_t *gain, __mmask64 lanes, bool ones,
 	write_group(&quad, by->inverse, high, low);
 }
 
-static inline __attribute__((always_inline)) void
-write_rows(const struct dvsm_fixed_norm *job, size_t first, size_t rows, bool ones,
-	   const struct norm_rows *by)
+static inline __attribute__((always_inline)) void write_rows(const struct dvsm_fixed_norm *job,
+							     size_t first, size_t rows, bool ones,
+							     const struct norm_rows *by)
 {
 	const size_t dim = job->dim, filled = dvsm_fixed_pad(dim, GROUP);
 
@@ -264,17 +270,16 @@ write_rows(const struct dvsm_fixed_norm *job, size_t first, size_t rows, bool on
 
 /* ---- sixteen rows ---- */
 
-static inline __attribute__((always_inline)) void norm_sixteen(const struct dvsm_fixed_norm *job,
-								size_t first_row, size_t rows,
-								bool ones)
+static inline __attribute__((always_inline)) void
+norm_sixteen(const struct dvsm_fixed_norm *job, size_t first_row, size_t rows, bool ones)
 {
 	const size_t dim = job->dim;
 	const int32_t *x = job->x + first_row * dim;
 	const struct extents ends = find_extents(x, rows, dim);
 	const __m512i size = larger_size(ends.low, ends.high);
 	const __m512i bits = float_bits(float_make(size));
-	const __m512i first = positive(
-		_mm512_sub_epi32(bits, _mm512_set1_epi32(30 - dvsm_fixed_log2_up(dim))));
+	const __m512i first =
+		positive(_mm512_sub_epi32(bits, _mm512_set1_epi32(30 - dvsm_fixed_log2_up(dim))));
 	const __m512i half = half_of(first);
 	struct norm_rows by;
 
@@ -315,8 +320,8 @@ static inline __attribute__((always_inline)) void norm_sixteen(const struct dvsm
 	squares.odd =
 		_mm512_add_epi64(squares.odd, round_epsilon(job->gain.epsilon, odd_lanes(twice)));
 
-	const struct narrow_lanes narrow = narrow_lanes_make(largest, job->fine, squares,
-							     scale_lanes_set(job->gain.scale));
+	const struct narrow_lanes narrow =
+		narrow_lanes_make(largest, job->fine, squares, scale_lanes_set(job->gain.scale));
 
 	scale_lanes_store(narrow.scale, job->a_scale + first_row, rows);
 	_mm512_storeu_si512(by.inverse, narrow.inverse);
@@ -346,8 +351,8 @@ static bool is_of_ones(const int16_t *gain, size_t dim)
 	for (size_t d = 0; d < dim; d += 32) {
 		const __mmask32 lanes = first_words(dim - d);
 
-		other |= _mm512_mask_cmpneq_epi16_mask(
-			lanes, one, _mm512_maskz_loadu_epi16(lanes, gain + d));
+		other |= _mm512_mask_cmpneq_epi16_mask(lanes, one,
+						       _mm512_maskz_loadu_epi16(lanes, gain + d));
 	}
 	return other == 0;
 }
