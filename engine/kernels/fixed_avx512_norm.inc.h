@@ -158,12 +158,13 @@ measure_rows(const struct dvsm_fixed_norm *job, const int32_t *x, size_t rows, b
 	const size_t dim = job->dim;
 	__m512i sums[ROWS], sizes[ROWS];
 
-	clear_rows(sums, 0);
+	clear_rows(sums, rows);
 	clear_rows(sizes, rows);
 	for (size_t i = 0; i < rows; i++, x += dim) {
 		const __m512i offset = _mm512_set1_epi32(by->offset[i]);
 		const __m512i shift = _mm512_set1_epi32(by->shift[i]);
 		struct measure measure = {.largest = _mm512_setzero_si512()};
+		__m512i sum = _mm512_setzero_si512();
 
 		for (size_t first = 0; first < dim; first += SQUARES) {
 			const size_t end = dim - first < SQUARES ? dim : first + SQUARES;
@@ -176,8 +177,9 @@ measure_rows(const struct dvsm_fixed_norm *job, const int32_t *x, size_t rows, b
 			if (d < end)
 				measure_group(x + d, gain + d, first_bytes(end - d), offset, shift,
 					      ones, &measure);
-			sums[i] = add_wide(sums[i], measure.squares);
+			sum = add_wide(sum, measure.squares);
 		}
+		sums[i] = sum;
 		sizes[i] = measure.largest;
 	}
 	if (!ones)

@@ -40,9 +40,6 @@ static inline size_t count_from(size_t first, size_t all, size_t most)
 
 /* ---- int16 to int8 ---- */
 
-/* Of so many rows of hidden numbers both passes find x in the first-level cache. */
-#define FIT_ROWS 8u
-
 /* In both words: a = R((x << shift) inverse, 15). */
 struct fit_rows {
 	int32_t shift[ROWS], inverse[ROWS];
@@ -75,7 +72,7 @@ static __m512i find_largest(const int16_t *x, size_t stride, size_t rows, size_t
 /* dvsm_fixed_fit_make() of the rows from `first` on. */
 static void fit_some(const struct dvsm_fixed_quantise *job, size_t first, struct fit_rows *fit)
 {
-	const size_t rows = count_from(first, job->rows, FIT_ROWS);
+	const size_t rows = count_from(first, job->rows, ROWS);
 	const __m512i largest =
 		find_largest(job->x + first * job->x_stride, job->x_stride, rows, job->dim);
 	const __mmask16 some = _mm512_test_epi32_mask(largest, largest);
@@ -94,7 +91,7 @@ static void fit_some(const struct dvsm_fixed_quantise *job, size_t first, struct
 static void write_fit(const struct dvsm_fixed_quantise *job, size_t first,
 		      const struct fit_rows *fit)
 {
-	const size_t rows = count_from(first, job->rows, FIT_ROWS), dim = job->dim;
+	const size_t rows = count_from(first, job->rows, ROWS), dim = job->dim;
 	const size_t filled = dvsm_fixed_pad(dim, GROUP);
 
 	for (size_t i = 0; i < rows; i++) {
@@ -122,9 +119,9 @@ static void quantise(const struct dvsm_fixed_quantise *job)
 
 	if (job->rows > 0)
 		fit_some(job, 0, &fits[0]);
-	for (size_t i = 0, at = 0; i < job->rows; i += FIT_ROWS, at ^= 1) {
-		if (job->rows - i > FIT_ROWS)
-			fit_some(job, i + FIT_ROWS, &fits[at ^ 1]);
+	for (size_t i = 0, at = 0; i < job->rows; i += ROWS, at ^= 1) {
+		if (job->rows - i > ROWS)
+			fit_some(job, i + ROWS, &fits[at ^ 1]);
 		write_fit(job, i, &fits[at]);
 	}
 }
@@ -181,8 +178,8 @@ measure_queries(const struct query_rows *rows, size_t d, const struct query_gain
 		__m512i e = _mm512_abs_epi32(_mm512_madd_epi16(u.b, gain->high[1]));
 
 		a = _mm512_max_epi32(_mm512_max_epi32(a, b), _mm512_max_epi32(c, e));
-		largest[i] = _mm512_max_epi32(largest[i], a);
-		squares[i] = add_squares(squares[i], u);
+		largest[i] = d > 0 ? _mm512_max_epi32(largest[i], a) : a;
+		squares[i] = add_squares(d > 0 ? squares[i] : _mm512_setzero_si512(), u);
 	}
 }
 
@@ -245,8 +242,8 @@ static void scale_queries(const struct dvsm_fixed_queries *job, size_t head, siz
 	__m512i sums[ROWS], sizes[ROWS];
 	struct dvsm_fixed_scale scales[ROWS];
 
-	clear_rows(sums, 0);
-	clear_rows(sizes, 0);
+	clear_rows(sums, rows.count);
+	clear_rows(sizes, rows.count);
 	for (size_t d = 0; d < job->dim; d += GROUP) {
 		const __mmask64 lanes = first_bytes(job->dim - d);
 		const struct query_gain gain = load_query_gain(weights->gain + d, lanes);
@@ -325,14 +322,16 @@ static void scale_keys(const struct dvsm_fixed_keys *job, size_t first, struct k
 	const __m512i epsilon = _mm512_set1_epi64(job->epsilon);
 	__m512i sums[ROWS];
 
-	clear_rows(sums, 0);
+	clear_rows(sums, rows);
 	for (size_t i = 0; i < rows; i++, u += job->u_stride) {
+		__m512i sum = _mm512_setzero_si512();
 		size_t d = 0;
 
 		for (; d + GROUP <= job->dim; d += GROUP)
-			sums[i] = add_squares(sums[i], load_pair(u + d, ALL_LANES));
+			sum = add_squares(sum, load_pair(u + d, ALL_LANES));
 		if (d < job->dim)
-			sums[i] = add_squares(sums[i], load_pair(u + d, first_bytes(job->dim - d)));
+			sum = add_squares(sum, load_pair(u + d, first_bytes(job->dim - d)));
+		sums[i] = sum;
 	}
 
 	struct wide squares = sum_wide_rows(sums);
