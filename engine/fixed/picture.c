@@ -43,16 +43,45 @@ static size_t tile_length(size_t count, size_t size, size_t index)
 
 /* ---- embedding ---- */
 
-/* Largest number of a token, as the exponent of the power of two above it. */
+/* Largest number of a token, as the exponent of the power of two above it. Of several at a time:
+ * compilers make vectors of that. */
 static int exponent_of(const float *numbers, size_t count)
 {
-	float largest = 0;
+	float largest[8] = {0};
 	int exponent = 0;
+	size_t i = 0;
 
-	for (size_t i = 0; i < count; i++)
-		largest = fabsf(numbers[i]) > largest ? fabsf(numbers[i]) : largest;
-	frexpf(largest, &exponent);
-	return largest > 0 ? exponent : INT16_MIN;
+	for (; i + 8 <= count; i += 8) {
+		for (size_t k = 0; k < 8; k++) {
+			float size = fabsf(numbers[i + k]);
+
+			largest[k] = size > largest[k] ? size : largest[k];
+		}
+	}
+	for (; i < count; i++)
+		largest[0] = fabsf(numbers[i]) > largest[0] ? fabsf(numbers[i]) : largest[0];
+	for (size_t k = 1; k < 8; k++)
+		largest[0] = largest[k] > largest[0] ? largest[k] : largest[0];
+	frexpf(largest[0], &exponent);
+	return largest[0] > 0 ? exponent : INT16_MIN;
+}
+
+/*
+ * 256 high + low = floor(number unit + 1/2), at most 2^14 either way. The product is exact, as unit
+ * is a power of two, and so is the sum where it comes near a whole number: of 24 bits none is below
+ * 2^-37 there. Above 0 conversion rounds down.
+ */
+static void split_numbers(const float *restrict numbers, size_t count, double unit,
+			  int8_t *restrict high, int8_t *restrict low)
+{
+	const int above = 1 << 15;
+
+	for (size_t i = 0; i < count; i++) {
+		int number = (int)(numbers[i] * unit + (above + 0.5)) - above;
+
+		high[i] = (int8_t)((number + 128) >> 8);
+		low[i] = (int8_t)number;
+	}
 }
 
 /* A token's floats to two planes of int8 that stand for 14 bits and a sign. */
@@ -72,12 +101,7 @@ static void split_token(const struct picture_job *job, size_t token)
 	work->a_scale[token] = (struct dvsm_fixed_scale){0, 0};
 	if (exponent == INT16_MIN)
 		return;
-	for (size_t i = 0; i < job->width; i++) {
-		int number = (int)floor(ldexp(numbers[i], 14 - exponent) + 0.5);
-
-		high[i] = (int8_t)((number + 128) >> 8);
-		low[i] = (int8_t)(number - high[i] * 256);
-	}
+	split_numbers(numbers, job->width, ldexp(1, 14 - exponent), high, low);
 	work->a_scale[token] = (struct dvsm_fixed_scale){1 << 14, (int16_t)(exponent - far - 28)};
 }
 

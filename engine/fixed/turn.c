@@ -31,20 +31,35 @@ void dvsm_fixed_turn(double *numbers, size_t count, size_t width)
 	}
 }
 
+/* G of `count` times four numbers, whose firsts, seconds, thirds and fourths lie together. */
+static void turn_fours(int32_t *restrict a, int32_t *restrict b, int32_t *restrict c,
+		       int32_t *restrict d, size_t count)
+{
+	for (size_t i = 0; i < count; i++) {
+		int32_t sum = a[i] + b[i] + c[i] + d[i];
+
+		a[i] = sum - 2 * a[i];
+		b[i] = sum - 2 * b[i];
+		c[i] = sum - 2 * c[i];
+		d[i] = sum - 2 * d[i];
+	}
+}
+
 void dvsm_fixed_turn_integers(int32_t *numbers, size_t count)
 {
-	for (size_t step = 1; count % (4 * step) == 0; step *= 4) {
-		for (size_t i = 0; i < count; i++) {
-			if (i / step % 4 != 0)
-				continue;
+	/* The first stage is apart from the others as its fours are in a row: so compilers make
+	 * vectors of both. */
+	for (size_t i = 0; count % 4 == 0 && i < count; i += 4) {
+		int32_t *four = numbers + i, sum = four[0] + four[1] + four[2] + four[3];
 
-			int32_t *a = numbers + i, *b = a + step, *c = b + step, *d = c + step;
-			int32_t sum = *a + *b + *c + *d;
+		for (size_t k = 0; k < 4; k++)
+			four[k] = sum - 2 * four[k];
+	}
+	for (size_t step = 4; count % (4 * step) == 0; step *= 4) {
+		for (size_t i = 0; i < count; i += 4 * step) {
+			int32_t *a = numbers + i;
 
-			*a = sum - 2 * *a;
-			*b = sum - 2 * *b;
-			*c = sum - 2 * *c;
-			*d = sum - 2 * *d;
+			turn_fours(a, a + step, a + 2 * step, a + 3 * step, step);
 		}
 	}
 }
