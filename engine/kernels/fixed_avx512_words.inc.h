@@ -6,19 +6,6 @@
  * the one fill the gaps of the other.
  */
 
-/* 64 numbers of 16 bits, or zeros where there are fewer. */
-struct pair {
-	__m512i a, b;
-};
-
-static inline struct pair load_pair(const int16_t *x, __mmask64 lanes)
-{
-	if (lanes == ALL_LANES)
-		return (struct pair){_mm512_loadu_si512(x), _mm512_loadu_si512(x + 32)};
-	return (struct pair){_mm512_maskz_loadu_epi16((__mmask32)lanes, x),
-			     _mm512_maskz_loadu_epi16((__mmask32)(lanes >> 32), x + 32)};
-}
-
 /* To bytes, with saturation. */
 static inline __m512i pack_pair(struct pair pair)
 {
