@@ -7,35 +7,57 @@
 /* Rows whose sum fits 32 bits. */
 #define RANGE_ROWS 32768u
 
-/* Up to 32 channels of up to RANGE_ROWS rows. */
-static void range_block(const int16_t *x, size_t x_stride, size_t rows, size_t channels,
-			struct dvsm_fixed_range *ranges)
+/* Of the 32 channels of a vector. */
+struct range_lanes {
+	__m512i low, high, even, odd; /* sums of the channels of even and of odd words */
+};
+
+static inline void widen(struct range_lanes *lanes, __m512i x)
 {
-	const __mmask32 lanes = first_words(channels);
-	__m512i low = _mm512_set1_epi16(INT16_MAX), high = _mm512_set1_epi16(INT16_MIN);
 	/* What a product with them leaves of two words. */
 	const __m512i even = _mm512_set1_epi32(1), odd = _mm512_set1_epi32(1 << 16);
-	__m512i sums[2] = {_mm512_setzero_si512(), _mm512_setzero_si512()};
+
+	lanes->low = _mm512_min_epi16(lanes->low, x);
+	lanes->high = _mm512_max_epi16(lanes->high, x);
+	lanes->even = _mm512_add_epi32(lanes->even, _mm512_madd_epi16(x, even));
+	lanes->odd = _mm512_add_epi32(lanes->odd, _mm512_madd_epi16(x, odd));
+}
+
+static void add_ranges(const struct range_lanes *lanes, size_t count,
+		       struct dvsm_fixed_range *ranges)
+{
 	int16_t lows[32], highs[32];
-	int32_t totals[2][16];
+	int32_t sums[2][16];
 
-	for (size_t i = 0; i < rows; i++) {
-		__m512i a = _mm512_maskz_loadu_epi16(lanes, x + i * x_stride);
-
-		low = _mm512_min_epi16(low, a);
-		high = _mm512_max_epi16(high, a);
-		sums[0] = _mm512_add_epi32(sums[0], _mm512_madd_epi16(a, even));
-		sums[1] = _mm512_add_epi32(sums[1], _mm512_madd_epi16(a, odd));
-	}
-	_mm512_storeu_si512(lows, low);
-	_mm512_storeu_si512(highs, high);
-	_mm512_storeu_si512(totals[0], sums[0]);
-	_mm512_storeu_si512(totals[1], sums[1]);
-	for (size_t d = 0; d < channels; d++) {
-		ranges[d].sum += totals[d % 2][d / 2];
+	_mm512_storeu_si512(lows, lanes->low);
+	_mm512_storeu_si512(highs, lanes->high);
+	_mm512_storeu_si512(sums[0], lanes->even);
+	_mm512_storeu_si512(sums[1], lanes->odd);
+	for (size_t d = 0; d < count && d < 32; d++) {
+		ranges[d].sum += sums[d % 2][d / 2];
 		ranges[d].low = lows[d] < ranges[d].low ? lows[d] : ranges[d].low;
 		ranges[d].high = highs[d] > ranges[d].high ? highs[d] : ranges[d].high;
 	}
+}
+
+/* Up to 64 channels of up to RANGE_ROWS rows. */
+static void range_block(const int16_t *x, size_t x_stride, size_t rows, size_t channels,
+			struct dvsm_fixed_range *ranges)
+{
+	const __mmask64 lanes = first_bytes(channels);
+	const struct range_lanes none = {_mm512_set1_epi16(INT16_MAX), _mm512_set1_epi16(INT16_MIN),
+					 _mm512_setzero_si512(), _mm512_setzero_si512()};
+	struct range_lanes first = none, second = none;
+
+	for (size_t i = 0; i < rows; i++, x += x_stride) {
+		const struct pair pair = load_pair(x, lanes);
+
+		widen(&first, pair.a);
+		widen(&second, pair.b);
+	}
+	add_ranges(&first, channels, ranges);
+	if (channels > 32)
+		add_ranges(&second, channels - 32, ranges + 32);
 }
 
 static void range(const int16_t *x, size_t x_stride, size_t rows, size_t channels,
@@ -44,9 +66,9 @@ static void range(const int16_t *x, size_t x_stride, size_t rows, size_t channel
 	while (rows > 0) {
 		size_t count = rows < RANGE_ROWS ? rows : RANGE_ROWS;
 
-		for (size_t d = 0; d < channels; d += 32)
-			range_block(x + d, x_stride, count, channels - d < 32 ? channels - d : 32,
-				    ranges + d);
+		for (size_t d = 0; d < channels; d += GROUP)
+			range_block(x + d, x_stride, count,
+				    channels - d < GROUP ? channels - d : GROUP, ranges + d);
 		x += count * x_stride;
 		rows -= count;
 	}
