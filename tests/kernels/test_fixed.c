@@ -172,6 +172,13 @@ static int16_t *take_gain(size_t count)
 	return made;
 }
 
+/* The gain of a norm that belongs to the matrix behind it. */
+static void fill_ones(int16_t *gain, size_t count)
+{
+	for (size_t d = 0; d < count; d++)
+		gain[d] = 1 << 14;
+}
+
 /* ---- the checks, one of a random shape each ---- */
 
 static void fill_weights(struct dvsm_fixed_gemm *job, size_t inner, int spread)
@@ -253,11 +260,14 @@ static void check_norm(const struct dvsm_fixed_kernels *tier)
 	size_t rows = edge(0), dim = edge(1) + (between(0, 3) ? 0 : 64 * (size_t)between(0, 12));
 	size_t stride = dvsm_fixed_pad(dim, DVSM_FIXED_DEPTH) + (between(0, 3) ? 0 : 64);
 	int32_t *x = take(rows * dim * sizeof(*x));
+	int16_t *gain = take_gain(dim);
+	/* Seldom numbers of the last bits: a tier may leave all its rows at once to another. */
+	const int most = between(0, 3) ? 29 : 30;
 	struct dvsm_fixed_norm job = {
 		.x = x,
 		.rows = rows,
 		.dim = dim,
-		.gain = {take_gain(dim), draw_scale(-30, 10),
+		.gain = {gain, draw_scale(-30, 10),
 			 (int64_t)(support_random_next(&rng) >> between(4, 63))},
 		.fine = between(0, 1),
 		.out_stride = stride,
@@ -265,12 +275,15 @@ static void check_norm(const struct dvsm_fixed_kernels *tier)
 	struct outputs high = take_outputs(rows * stride), low = take_outputs(rows * stride);
 	struct outputs scale = take_outputs(rows * sizeof(struct dvsm_fixed_scale));
 
+	if (between(0, 1))
+		fill_ones(gain, dim);
 	for (size_t i = 0; i < rows; i++) {
 		enum kind kind = draw_kind();
-		int bits = between(1, 30), level = between(0, 1) ? draw(bits, EVEN) : 0;
+		int bits = between(1, most), level = between(0, 1) ? draw(bits, EVEN) : 0;
 
 		for (size_t d = 0; d < dim; d++)
-			x[i * dim + d] = draw(bits, kind) / 2 + level / 2;
+			x[i * dim + d] =
+				level ? draw(bits, kind) / 2 + level / 2 : draw(bits, kind);
 	}
 	job.high = high.want;
 	job.low = low.want;
@@ -339,6 +352,76 @@ static void check_queries(const struct dvsm_fixed_kernels *tier)
 	tier->queries(&job);
 	compare(&scale, tier->name, "the queries' scales");
 	compare(&q, tier->name, "queries");
+}
+
+/* Rows of one number each, of every size: all shifts and inverses there are. */
+static void check_every_size(const struct dvsm_fixed_kernels *tier)
+{
+	enum { ROWS = 32769 };
+	int16_t *x = take(ROWS * sizeof(*x)), gain = (int16_t)between(1, INT16_MAX);
+	const struct dvsm_fixed_gain gains = {&gain, draw_scale(-30, 10), between(0, 9)};
+	struct dvsm_fixed_quantise quantise = {
+		.x = x, .x_stride = 1, .rows = ROWS, .dim = 1, .a_stride = DVSM_FIXED_DEPTH};
+	struct dvsm_fixed_queries queries = {.u = x,
+					     .u_stride = 1,
+					     .rows = ROWS,
+					     .heads = 1,
+					     .dim = 1,
+					     .head_width = DVSM_FIXED_HEAD,
+					     .gains = &gains};
+	struct outputs a = take_outputs(ROWS * DVSM_FIXED_DEPTH);
+	struct outputs q = take_outputs(ROWS * DVSM_FIXED_HEAD);
+	struct outputs a_scale = take_outputs(ROWS * sizeof(struct dvsm_fixed_scale));
+	struct outputs q_scale = take_outputs(ROWS * sizeof(struct dvsm_fixed_scale));
+
+	for (int i = 0; i < ROWS; i++)
+		x[i] = (int16_t)(i == ROWS - 1 || between(0, 1) ? -i : i);
+	quantise.a = a.want;
+	quantise.a_scale = a_scale.want;
+	dvsm_fixed_kernels_scalar.quantise(&quantise);
+	quantise.a = a.got;
+	quantise.a_scale = a_scale.got;
+	tier->quantise(&quantise);
+	compare(&a_scale, tier->name, "scales of quantise by size");
+	compare(&a, tier->name, "quantise by size");
+	queries.q = q.want;
+	queries.q_scale = q_scale.want;
+	dvsm_fixed_kernels_scalar.queries(&queries);
+	queries.q = q.got;
+	queries.q_scale = q_scale.got;
+	tier->queries(&queries);
+	compare(&q_scale, tier->name, "scales of queries by size");
+	compare(&q, tier->name, "queries by size");
+}
+
+/* Scales of rows of ones by epsilon alone: roots of numbers of any bits, and of powers of two. */
+static void check_every_root(const struct dvsm_fixed_kernels *tier)
+{
+	const int16_t u = 1, gain = 1;
+	const int bits = between(1, 60);
+	const uint64_t power = (uint64_t)1 << (bits - 1);
+	struct dvsm_fixed_gain gains = {&gain, draw_scale(-30, 10), 0};
+	struct dvsm_fixed_queries job = {.u = &u,
+					 .u_stride = 1,
+					 .rows = 1,
+					 .heads = 1,
+					 .dim = 1,
+					 .head_width = DVSM_FIXED_HEAD,
+					 .gains = &gains};
+	struct outputs q = take_outputs(DVSM_FIXED_HEAD);
+	struct outputs scale = take_outputs(sizeof(struct dvsm_fixed_scale));
+
+	gains.epsilon = (int64_t)(power - 1);
+	if (between(0, 4))
+		gains.epsilon = (int64_t)(power + support_random_next(&rng) % power - 1);
+	job.q = q.want;
+	job.q_scale = scale.want;
+	dvsm_fixed_kernels_scalar.queries(&job);
+	job.q = q.got;
+	job.q_scale = scale.got;
+	tier->queries(&job);
+	compare(&scale, tier->name, "scales by root");
+	compare(&q, tier->name, "queries by root");
 }
 
 static void check_keys(const struct dvsm_fixed_kernels *tier)
@@ -515,6 +598,8 @@ EXACT(gemm, 400)
 EXACT(norm, 300)
 EXACT(quantise, 300)
 EXACT(queries, 300)
+EXACT(every_size, 2)
+EXACT(every_root, 4000)
 EXACT(keys, 300)
 EXACT(range, 200)
 EXACT(pack, 200)
@@ -591,6 +676,8 @@ int main(void)
 		cmocka_unit_test(norm_is_exact_in_every_tier),
 		cmocka_unit_test(quantise_is_exact_in_every_tier),
 		cmocka_unit_test(queries_is_exact_in_every_tier),
+		cmocka_unit_test(every_size_is_exact_in_every_tier),
+		cmocka_unit_test(every_root_is_exact_in_every_tier),
 		cmocka_unit_test(keys_is_exact_in_every_tier),
 		cmocka_unit_test(range_is_exact_in_every_tier),
 		cmocka_unit_test(pack_is_exact_in_every_tier),
