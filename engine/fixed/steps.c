@@ -133,25 +133,11 @@ static void norm_rows_for(const struct dvsm_fixed_run *run, const int32_t *x,
 				   tile_length(rows, ROWS_PER_TASK, i / ROWS_PER_TASK), worker);
 }
 
-static void quantise_rows_fine(const struct dvsm_fixed_run *run, const struct dvsm_fixed_then *then,
-			       size_t row, size_t rows)
-{
-	const struct dvsm_fixed_matrix *input = then->input;
-
-	for (size_t i = row; i < row + rows; i++) {
-		int up = dvsm_fixed_fine_split(then->wide + i * input->in, input->in,
-					       input->depth / 2, then->to + i * input->depth);
-
-		run->work.a_scale[i] =
-			(struct dvsm_fixed_scale){1 << 14, (int16_t)(8 - up - 14 - then->fraction)};
-	}
-}
-
 static void quantise_rows(const struct dvsm_fixed_run *run, const struct dvsm_fixed_then *then,
 			  size_t row, size_t rows)
 {
 	const size_t dim = then->input->in, depth = then->input->depth;
-	struct dvsm_fixed_quantise quantise = {
+	const struct dvsm_fixed_quantise quantise = {
 		.x = then->wide + row * dim,
 		.x_stride = dim,
 		.rows = rows,
@@ -161,9 +147,19 @@ static void quantise_rows(const struct dvsm_fixed_run *run, const struct dvsm_fi
 		.a_stride = depth,
 		.a_scale = run->work.a_scale + row,
 	};
+	const struct dvsm_fixed_split split = {
+		.x = quantise.x,
+		.x_stride = dim,
+		.rows = rows,
+		.dim = dim,
+		.fraction = then->fraction,
+		.planes = quantise.a,
+		.plane = depth / 2,
+		.a_scale = quantise.a_scale,
+	};
 
 	if (then->input->fine)
-		quantise_rows_fine(run, then, row, rows);
+		run->kernels->split(&split);
 	else
 		run->kernels->quantise(&quantise);
 }

@@ -71,6 +71,7 @@ struct dvsm_fixed_kernels dvsm_fixed_kernels_choose(uint32_t mask)
 		OVERLAY(gemm);
 		OVERLAY(norm);
 		OVERLAY(quantise);
+		OVERLAY(split);
 		OVERLAY(queries);
 		OVERLAY(keys);
 		OVERLAY(range);

@@ -148,6 +148,27 @@ struct dvsm_fixed_quantise {
 typedef void dvsm_fixed_quantise_fn(const struct dvsm_fixed_quantise *job);
 
 /**
+ * Rows of int16 to two planes of int8 side by side, of 12 bits together: with up = 15 - bits(m), m
+ * = max |x|, at most 32767,
+ *
+ *   x 2^up = 2^8 (high + low / 16),  high = min(R(x 2^up, 8), 127),  low = R(x 2^up - 256 high, 4)
+ *
+ * a_scale is that of high, 2^(8 - up - fraction), of a row of zeros too.
+ *
+ * x       [rows][dim], rows x_stride numbers apart
+ * planes  [rows][2][plane], high before low; columns dim .. plane - 1 are set to 0
+ */
+struct dvsm_fixed_split {
+	const int16_t *x;
+	size_t x_stride, rows, dim;
+	int fraction; /* x stands for x 2^-fraction */
+	int8_t *planes;
+	size_t plane; /* multiple of DVSM_FIXED_DEPTH */
+	struct dvsm_fixed_scale *a_scale;
+};
+typedef void dvsm_fixed_split_fn(const struct dvsm_fixed_split *job);
+
+/**
  * QK-norm of queries to int8: per row and head y = u gain (int32), then dvsm_fixed_narrow() of y;
  * the sum of squares is that of u. q_scale is what one unit of a score, q k summed, is worth
  * as a power of two: softmax's base-2 logarithm.
@@ -293,6 +314,7 @@ struct dvsm_fixed_kernels {
 	dvsm_fixed_gemm_fn *gemm;
 	dvsm_fixed_norm_fn *norm;
 	dvsm_fixed_quantise_fn *quantise;
+	dvsm_fixed_split_fn *split;
 	dvsm_fixed_queries_fn *queries;
 	dvsm_fixed_keys_fn *keys;
 	dvsm_fixed_range_fn *range;

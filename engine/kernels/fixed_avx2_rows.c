@@ -8,6 +8,7 @@ const struct dvsm_fixed_kernels dvsm_fixed_kernels_avx2 = {
 	.gemm = dvsm_fixed_gemm_avx2,
 	.norm = norm,
 	.quantise = quantise,
+	.split = split,
 	.queries = queries,
 	.keys = keys,
 	.range = range,

@@ -76,6 +76,7 @@ const struct dvsm_fixed_kernels dvsm_fixed_kernels_avx512 = {
 	.name = "avx512",
 	.norm = norm,
 	.quantise = quantise,
+	.split = split,
 	.queries = queries,
 	.keys = keys,
 	.range = range,

@@ -113,6 +113,70 @@ static void quantise(const struct dvsm_fixed_quantise *job)
 	}
 }
 
+/* ---- int16 to two planes ---- */
+
+static inline struct pair shift_pair(struct pair x, __m512i up)
+{
+	return (struct pair){_mm512_sllv_epi16(x.a, up), _mm512_sllv_epi16(x.b, up)};
+}
+
+/* min(R(x, 8), 127) */
+static inline __m512i top_words(__m512i x)
+{
+	const __m512i one = _mm512_set1_epi16(1);
+
+	x = _mm512_srai_epi16(_mm512_add_epi16(_mm512_srai_epi16(x, 7), one), 1);
+	return _mm512_min_epi16(x, _mm512_set1_epi16(127));
+}
+
+/* R(x - 256 top, 4) */
+static inline __m512i rest_words(__m512i x, __m512i top)
+{
+	const __m512i rest = _mm512_sub_epi16(x, _mm512_slli_epi16(top, 8));
+
+	return _mm512_srai_epi16(_mm512_add_epi16(rest, _mm512_set1_epi16(8)), 4);
+}
+
+static void split_row(const int16_t *x, size_t dim, int up, int8_t *high, int8_t *low)
+{
+	const __m512i by = _mm512_set1_epi16((int16_t)up);
+
+	for (size_t d = 0; d < dim; d += GROUP) {
+		const struct pair u =
+			shift_pair(dim - d >= GROUP ? load_pair(x + d, ALL_LANES)
+						    : load_pair(x + d, first_bytes(dim - d)),
+				   by);
+		const struct pair top = {top_words(u.a), top_words(u.b)};
+		const struct pair rest = {rest_words(u.a, top.a), rest_words(u.b, top.b)};
+
+		_mm512_storeu_si512(high + d, pack_pair(top));
+		_mm512_storeu_si512(low + d, pack_pair(rest));
+	}
+}
+
+static void split(const struct dvsm_fixed_split *job)
+{
+	const size_t filled = dvsm_fixed_pad(job->dim, GROUP), rest = job->plane - filled;
+	int32_t largest[ROWS];
+
+	for (size_t i = 0; i < job->rows; i++) {
+		const int16_t *x = job->x + i * job->x_stride;
+		int8_t *high = job->planes + 2 * i * job->plane, *low = high + job->plane;
+
+		if (i % ROWS == 0)
+			_mm512_storeu_si512(largest,
+					    find_largest(x, job->x_stride,
+							 count_from(i, job->rows, ROWS), job->dim));
+
+		const int up = 15 - dvsm_fixed_bits((uint32_t)largest[i % ROWS]);
+
+		split_row(x, job->dim, up, high, low);
+		memset(high + filled, 0, rest);
+		memset(low + filled, 0, rest);
+		job->a_scale[i] = dvsm_fixed_split_scale(up, job->fraction);
+	}
+}
+
 /* ---- queries ---- */
 
 /* 64 numbers of a gain, for the products with the lower and with the upper words of lanes. */

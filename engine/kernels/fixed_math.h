@@ -122,6 +122,12 @@ static inline struct dvsm_fixed_fit dvsm_fixed_fit_make(uint32_t largest)
 	return fit;
 }
 
+/** Of the upper plane of a row whose numbers were shifted up before they were split. */
+static inline struct dvsm_fixed_scale dvsm_fixed_split_scale(int up, int fraction)
+{
+	return (struct dvsm_fixed_scale){1 << 14, (int16_t)(8 - up - 14 - fraction)};
+}
+
 /** What brings a key of this sum of squares to RMS 1: n = R(u mantissa, shift). */
 struct dvsm_fixed_factor {
 	int16_t mantissa;

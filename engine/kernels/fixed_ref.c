@@ -174,6 +174,7 @@ const struct dvsm_fixed_kernels dvsm_fixed_kernels_scalar = {
 	.gemm = gemm,
 	.norm = norm,
 	.quantise = quantise,
+	.split = split,
 	.queries = queries,
 	.keys = keys,
 	.range = range,

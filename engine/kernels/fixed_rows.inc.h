@@ -174,22 +174,56 @@ static void write_fit(const int16_t *restrict x, size_t dim, int shift, int32_t 
 		a[d] = (int8_t)(((int16_t)(x[d] * (1 << shift)) * inverse + (1 << 14)) >> 15);
 }
 
+/* 32767 at most. */
+static uint32_t largest_of(const int16_t *x, size_t dim)
+{
+	uint32_t largest = 0;
+
+	for (size_t d = 0; d < dim; d++)
+		largest = size_of(x[d]) > largest ? size_of(x[d]) : largest;
+	return largest > INT16_MAX ? INT16_MAX : largest;
+}
+
 static void quantise(const struct dvsm_fixed_quantise *job)
 {
 	for (size_t i = 0; i < job->rows; i++) {
 		const int16_t *x = job->x + i * job->x_stride;
 		int8_t *a = job->a + i * job->a_stride;
-		uint32_t largest = 0;
-
-		for (size_t d = 0; d < job->dim; d++)
-			largest = size_of(x[d]) > largest ? size_of(x[d]) : largest;
-
-		struct dvsm_fixed_fit fit =
-			dvsm_fixed_fit_make(largest > INT16_MAX ? INT16_MAX : largest);
+		struct dvsm_fixed_fit fit = dvsm_fixed_fit_make(largest_of(x, job->dim));
 
 		write_fit(x, job->dim, fit.shift, fit.inverse, a);
 		memset(a + job->dim, 0, job->a_stride - job->dim);
 		job->a_scale[i] = dvsm_fixed_shift(fit.scale, -job->fraction);
+	}
+}
+
+/* 16-bit lanes throughout: no sum leaves them. */
+static void write_split(const int16_t *restrict x, size_t dim, int up, int8_t *restrict high,
+			int8_t *restrict low)
+{
+	for (size_t d = 0; d < dim; d++) {
+		int16_t wide = (int16_t)((uint16_t)x[d] << up);
+		int16_t top = (int16_t)((int16_t)((wide >> 7) + 1) >> 1);
+
+		top = top < 127 ? top : 127;
+		high[d] = (int8_t)top;
+		low[d] = (int8_t)((int16_t)(wide - top * 256 + 8) >> 4);
+	}
+}
+
+static void split(const struct dvsm_fixed_split *job)
+{
+	const size_t rest = job->plane - job->dim;
+
+	for (size_t i = 0; i < job->rows; i++) {
+		int8_t *high = job->planes + 2 * i * job->plane, *low = high + job->plane;
+		const int16_t *x = job->x + i * job->x_stride;
+		const int up = 15 - dvsm_fixed_bits(largest_of(x, job->dim));
+
+		write_split(x, job->dim, up, high, low);
+		memset(high + job->dim, 0, rest);
+		memset(low + job->dim, 0, rest);
+		job->a_scale[i] = dvsm_fixed_split_scale(up, job->fraction);
 	}
 }
 

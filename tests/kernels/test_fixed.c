@@ -323,6 +323,31 @@ static void check_quantise(const struct dvsm_fixed_kernels *tier)
 	compare(&a, tier->name, "quantise");
 }
 
+static void check_split(const struct dvsm_fixed_kernels *tier)
+{
+	size_t rows = edge(0), dim = edge(0) + 64 * (size_t)between(0, 3);
+	size_t x_stride = dim + (size_t)between(0, 3);
+	struct dvsm_fixed_split job = {
+		.x = take_s16(rows, x_stride, dim),
+		.x_stride = x_stride,
+		.rows = rows,
+		.dim = dim,
+		.fraction = between(-20, 20),
+		.plane = dvsm_fixed_pad(dim, DVSM_FIXED_DEPTH) + (between(0, 3) ? 0 : 64),
+	};
+	struct outputs planes = take_outputs(2 * rows * job.plane);
+	struct outputs scale = take_outputs(rows * sizeof(struct dvsm_fixed_scale));
+
+	job.planes = planes.want;
+	job.a_scale = scale.want;
+	dvsm_fixed_kernels_scalar.split(&job);
+	job.planes = planes.got;
+	job.a_scale = scale.got;
+	tier->split(&job);
+	compare(&scale, tier->name, "split's scales");
+	compare(&planes, tier->name, "split");
+}
+
 static void check_queries(const struct dvsm_fixed_kernels *tier)
 {
 	size_t rows = edge(0), heads = (size_t)between(1, 4), dim = edge(1);
@@ -597,6 +622,7 @@ static void walk(void (*check)(const struct dvsm_fixed_kernels *tier), int round
 EXACT(gemm, 400)
 EXACT(norm, 300)
 EXACT(quantise, 300)
+EXACT(split, 300)
 EXACT(queries, 300)
 EXACT(every_size, 2)
 EXACT(every_root, 4000)
@@ -634,7 +660,7 @@ static void the_mask_chooses_what_each_tier_has_and_scalar_fills_the_rest(void *
 	assert_int_equal(none.cpu, DVSM_CPU_SCALAR);
 	assert_ptr_equal(none.gemm, dvsm_fixed_kernels_scalar.gemm);
 	for (size_t t = 0; t < tier_count; t++) {
-		assert_true(tiers[t].gemm && tiers[t].norm && tiers[t].quantise);
+		assert_true(tiers[t].gemm && tiers[t].norm && tiers[t].quantise && tiers[t].split);
 		assert_true(tiers[t].queries && tiers[t].keys && tiers[t].range);
 		assert_true(tiers[t].pack_keys && tiers[t].pack_values && tiers[t].attention);
 	}
@@ -675,6 +701,7 @@ int main(void)
 		cmocka_unit_test(gemm_is_exact_in_every_tier),
 		cmocka_unit_test(norm_is_exact_in_every_tier),
 		cmocka_unit_test(quantise_is_exact_in_every_tier),
+		cmocka_unit_test(split_is_exact_in_every_tier),
 		cmocka_unit_test(queries_is_exact_in_every_tier),
 		cmocka_unit_test(every_size_is_exact_in_every_tier),
 		cmocka_unit_test(every_root_is_exact_in_every_tier),
