@@ -9,6 +9,7 @@
 #define DVSM_KERNELS_FIXED_AVX512_LANES_H
 
 #include "kernels/fixed_avx512.h"
+#include "kernels/tier.h"
 
 /** Rows at a time. */
 #define ROWS 16u
@@ -20,8 +21,7 @@
 typedef __m512i combine_fn(__m512i a, __m512i b);
 
 /* The 128-bit lanes of four vectors, each combined to one, side by side. */
-static inline __attribute__((always_inline)) __m512i fold_quarters(__m512i a, __m512i b, __m512i c,
-								   __m512i d, combine_fn *combine)
+DVSM_INLINE __m512i fold_quarters(__m512i a, __m512i b, __m512i c, __m512i d, combine_fn *combine)
 {
 	__m512i ab = combine(_mm512_shuffle_i64x2(a, b, 0x44), _mm512_shuffle_i64x2(a, b, 0xee));
 	__m512i cd = combine(_mm512_shuffle_i64x2(c, d, 0x44), _mm512_shuffle_i64x2(c, d, 0xee));
@@ -30,8 +30,7 @@ static inline __attribute__((always_inline)) __m512i fold_quarters(__m512i a, __
 }
 
 /** Lane i is all lanes of rows[i], combined. */
-static inline __attribute__((always_inline)) __m512i fold_rows(const __m512i rows[ROWS],
-							       combine_fn *combine)
+DVSM_INLINE __m512i fold_rows(const __m512i rows[ROWS], combine_fn *combine)
 {
 	__m512i quarters[4], low, high;
 
@@ -210,7 +209,7 @@ static inline struct scale_lanes scale_lanes_inverse(__m512i inverse)
 
 /* ---- roots ---- */
 
-/* Eight numbers n = m 4^half below 2^62: m, and half + 527 in twice, rounded down. */
+/* Eight numbers n = m 4^half below 2^62, m of 31 or 32 bits: m, and bits(n) + 1022; 0 for 0. */
 struct power_of_four {
 	__m512i m, exponent;
 };
@@ -220,7 +219,7 @@ static inline struct power_of_four split_powers(__m512i n)
 	const __m512i bits = _mm512_castpd_si512(_mm512_cvt_roundepu64_pd(n, TOWARDS_ZERO));
 	const __m512i one = _mm512_set1_epi64((int64_t)1 << 52);
 	const __m512i exponent = _mm512_srli_epi64(bits, 52);
-	/* 53 bits become 32, or 31 where the exponent of the highest, less 1023, is even. */
+	/* Of the 53 bits that a double keeps m has 32 where n has an even number, else 31. */
 	const __m512i down = _mm512_add_epi64(_mm512_and_si512(exponent, _mm512_set1_epi64(1)),
 					      _mm512_set1_epi64(21));
 
@@ -249,9 +248,9 @@ static inline __m512i guess_roots(__m512i m)
 }
 
 /*
- * A step of Newton's for sixteen y of 16 bits, as dvsm_fixed_rsqrt() takes it: y + R(y (2^31 - y^2
- * m / 2^31), 32), where the difference has few bits. The first guess is below its root by so much,
- * or above, that y^2 still fits 32 bits behind the first step.
+ * A step of Newton's as dvsm_fixed_rsqrt() takes it, with y taken out of the product: y + R(y (2^31
+ * - floor(y^2 m / 2^31)), 32), of which the difference has few bits. y^2 fits 32 bits: no guess and
+ * no first step from one is above 65,530.
  */
 static inline __m512i improve_roots(__m512i y, __m512i m)
 {
@@ -273,7 +272,7 @@ static inline struct scale_lanes scale_lanes_rsqrt(struct wide n)
 	const struct power_of_four even = split_powers(n.even), odd = split_powers(n.odd);
 	const __m512i m = wide_low((struct wide){even.m, odd.m});
 	const __m512i exponent = wide_low((struct wide){even.exponent, odd.exponent});
-	/* floor((bits - 31) / 2), where bits are the exponent less 1022. */
+	/* floor((bits(n) - 31) / 2) */
 	const __m512i half =
 		_mm512_srai_epi32(_mm512_sub_epi32(exponent, _mm512_set1_epi32(1022 + 31)), 1);
 	const __mmask16 some = _mm512_test_epi32_mask(exponent, exponent);

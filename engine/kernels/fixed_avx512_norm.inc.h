@@ -13,10 +13,10 @@
 /* |x| below which no sum with an offset leaves 32 bits: c' 2^t is below twice that. */
 #define NORM_BITS 29
 
-/* Of sixteen rows: c = (x + offset) >> shift, y' = ((c gain << up) + half) >> down. */
+/* Of sixteen rows: c = (x + offset) >> shift, y' = (c gain + half) >> down. */
 struct norm_rows {
 	int32_t offset[ROWS], shift[ROWS];
-	int32_t up[ROWS], half[ROWS], down[ROWS], inverse[ROWS];
+	int32_t half[ROWS], down[ROWS], inverse[ROWS];
 };
 
 /* ---- what a row is brought to ---- */
@@ -27,30 +27,31 @@ struct extents {
 
 static struct extents find_extents(const int32_t *x, size_t rows, size_t dim)
 {
+	const size_t whole = dim / 16 * 16;
 	__m512i lows[ROWS], highs[ROWS];
 
 	clear_rows(lows, rows);
 	clear_rows(highs, rows);
 	for (size_t i = 0; i < rows; i++, x += dim) {
 		__m512i low = _mm512_set1_epi32(x[0]), high = low, a;
-		size_t d = 0;
 
-		_Pragma("GCC unroll 4") for (; d + 16 <= dim; d += 16)
-		{
+		DVSM_UNROLL_4
+		for (size_t d = 0; d < whole; d += 16) {
 			a = _mm512_loadu_si512(x + d);
 			low = _mm512_min_epi32(low, a);
 			high = _mm512_max_epi32(high, a);
 		}
-		a = _mm512_mask_loadu_epi32(low, first_lanes(dim - d), x + d);
+		a = _mm512_mask_loadu_epi32(low, first_lanes(dim - whole), x + whole);
 		lows[i] = _mm512_min_epi32(low, a);
 		highs[i] = _mm512_max_epi32(high, a);
 	}
 	return (struct extents){fold_rows(lows, min_s32), fold_rows(highs, max_s32)};
 }
 
-/* Sums of x' = (x + half) >> first. */
+/* Sums of x' = (x + half) >> first, which fit a lane: each is below 2^30 / dim. */
 static __m512i sum_rows(const int32_t *x, size_t rows, size_t dim, __m512i half, __m512i first)
 {
+	const size_t whole = dim / 16 * 16;
 	__m512i sums[ROWS];
 	int32_t halves[ROWS], shifts[ROWS];
 
@@ -60,15 +61,14 @@ static __m512i sum_rows(const int32_t *x, size_t rows, size_t dim, __m512i half,
 	for (size_t i = 0; i < rows; i++, x += dim) {
 		const __m512i add = _mm512_set1_epi32(halves[i]), by = _mm512_set1_epi32(shifts[i]);
 		__m512i sum = _mm512_setzero_si512(), a;
-		size_t d = 0;
 
-		_Pragma("GCC unroll 4") for (; d + 16 <= dim; d += 16)
-		{
+		DVSM_UNROLL_4
+		for (size_t d = 0; d < whole; d += 16) {
 			a = _mm512_add_epi32(_mm512_loadu_si512(x + d), add);
 			sum = _mm512_add_epi32(sum, _mm512_srav_epi32(a, by));
 		}
 		/* R(0, first) is 0. */
-		a = _mm512_maskz_loadu_epi32(first_lanes(dim - d), x + d);
+		a = _mm512_maskz_loadu_epi32(first_lanes(dim - whole), x + whole);
 		a = _mm512_srav_epi32(_mm512_add_epi32(a, add), by);
 		sums[i] = _mm512_add_epi32(sum, a);
 	}
@@ -110,8 +110,8 @@ struct quad {
 	__m512i c[4];
 };
 
-static inline __attribute__((always_inline)) struct quad
-shift_group(const int32_t *x, __mmask64 lanes, __m512i offset, __m512i shift)
+DVSM_INLINE struct quad shift_group(const int32_t *x, __mmask64 lanes, __m512i offset,
+				    __m512i shift)
 {
 	struct quad quad;
 
@@ -129,9 +129,8 @@ struct measure {
 	__m512i squares, largest; /* sums of 32 bits; |y|, not for a gain of ones */
 };
 
-static inline __attribute__((always_inline)) void
-measure_group(const int32_t *x, const int16_t *gain, __mmask64 lanes, __m512i offset, __m512i shift,
-	      bool ones, struct measure *measure)
+DVSM_INLINE void measure_group(const int32_t *x, const int16_t *gain, __mmask64 lanes,
+			       __m512i offset, __m512i shift, bool ones, struct measure *measure)
 {
 	const struct quad quad = shift_group(x, lanes, offset, shift);
 
@@ -150,17 +149,17 @@ measure_group(const int32_t *x, const int16_t *gain, __mmask64 lanes, __m512i of
 }
 
 /* The sums of squares of some rows and, unless the gain is of ones, the largest |y|. */
-static inline __attribute__((always_inline)) struct wide
-measure_rows(const struct dvsm_fixed_norm *job, const int32_t *x, size_t rows, bool ones,
-	     const struct norm_rows *by, __m512i *largest)
+DVSM_INLINE struct wide measure_rows(const struct dvsm_fixed_norm *job, bool ones,
+				     const struct norm_rows *by, __m512i *largest)
 {
 	const int16_t *gain = job->gain.gain;
 	const size_t dim = job->dim;
+	const int32_t *x = job->x;
 	__m512i sums[ROWS], sizes[ROWS];
 
-	clear_rows(sums, rows);
-	clear_rows(sizes, rows);
-	for (size_t i = 0; i < rows; i++, x += dim) {
+	clear_rows(sums, job->rows);
+	clear_rows(sizes, job->rows);
+	for (size_t i = 0; i < job->rows; i++, x += dim) {
 		const __m512i offset = _mm512_set1_epi32(by->offset[i]);
 		const __m512i shift = _mm512_set1_epi32(by->shift[i]);
 		struct measure measure = {.largest = _mm512_setzero_si512()};
@@ -216,22 +215,22 @@ static inline void write_group(const struct quad *y, __m512i inverse, int8_t *hi
 
 /* The factors of one row. */
 struct norm_factors {
-	__m512i offset, shift, up, half, down, inverse;
+	__m512i offset, shift, half, down, inverse;
 };
 
 static inline struct norm_factors norm_factors_of(const struct norm_rows *by, size_t row)
 {
 	return (struct norm_factors){
-		_mm512_set1_epi32(by->offset[row]), _mm512_set1_epi32(by->shift[row]),
-		_mm512_set1_epi32(by->up[row]),     _mm512_set1_epi32(by->half[row]),
-		_mm512_set1_epi32(by->down[row]),   _mm512_set1_epi16((int16_t)by->inverse[row]),
+		.offset = _mm512_set1_epi32(by->offset[row]),
+		.shift = _mm512_set1_epi32(by->shift[row]),
+		.half = _mm512_set1_epi32(by->half[row]),
+		.down = _mm512_set1_epi32(by->down[row]),
+		.inverse = _mm512_set1_epi16((int16_t)by->inverse[row]),
 	};
 }
 
-static inline __attribute__((always_inline)) void norm_group(const int32_t *x, const int16_t *gain,
-							     __mmask64 lanes, bool ones,
-							     const struct norm_factors *by,
-							     int8_t *high, int8_t *low)
+DVSM_INLINE void norm_group(const int32_t *x, const int16_t *gain, __mmask64 lanes, bool ones,
+			    const struct norm_factors *by, int8_t *high, int8_t *low)
 {
 	struct quad quad = shift_group(x, lanes, by->offset, by->shift);
 
@@ -239,23 +238,21 @@ static inline __attribute__((always_inline)) void norm_group(const int32_t *x, c
 		const __mmask16 some = (__mmask16)(lanes >> 16 * k);
 		__m512i y = multiply_words(quad.c[k], load_words(gain + 16 * k, some));
 
-		y = _mm512_add_epi32(_mm512_sllv_epi32(y, by->up), by->half);
-		quad.c[k] = _mm512_srav_epi32(y, by->down);
+		quad.c[k] = _mm512_srav_epi32(_mm512_add_epi32(y, by->half), by->down);
 	}
 	write_group(&quad, by->inverse, high, low);
 }
 
-static inline __attribute__((always_inline)) void write_rows(const struct dvsm_fixed_norm *job,
-							     size_t first, size_t rows, bool ones,
-							     const struct norm_rows *by)
+DVSM_INLINE void write_rows(const struct dvsm_fixed_norm *job, bool ones,
+			    const struct norm_rows *by)
 {
 	const size_t dim = job->dim, filled = dvsm_fixed_pad(dim, GROUP);
 
-	for (size_t i = 0; i < rows; i++) {
-		const int32_t *x = job->x + (first + i) * dim;
+	for (size_t i = 0; i < job->rows; i++) {
+		const int32_t *x = job->x + i * dim;
 		const struct norm_factors factors = norm_factors_of(by, i);
-		int8_t *high = job->high + (first + i) * job->out_stride;
-		int8_t *low = job->fine ? job->low + (first + i) * job->out_stride : NULL;
+		int8_t *high = job->high + i * job->out_stride;
+		int8_t *low = job->fine ? job->low + i * job->out_stride : NULL;
 		size_t d = 0;
 
 		for (; d + GROUP <= dim; d += GROUP)
@@ -272,52 +269,94 @@ static inline __attribute__((always_inline)) void write_rows(const struct dvsm_f
 
 /* ---- sixteen rows ---- */
 
-static inline __attribute__((always_inline)) void
-norm_sixteen(const struct dvsm_fixed_norm *job, size_t first_row, size_t rows, bool ones)
+/* c = (x + offset) >> shift of sixteen rows, and the c of their ends. */
+struct centring {
+	__m512i offset, shift, low, high;
+};
+
+/* t and u of rows whose numbers, at both ends, have at most NORM_BITS bits. */
+static struct centring centre_rows(const int32_t *x, size_t rows, size_t dim, struct extents ends)
 {
-	const size_t dim = job->dim;
-	const int32_t *x = job->x + first_row * dim;
-	const struct extents ends = find_extents(x, rows, dim);
-	const __m512i size = larger_size(ends.low, ends.high);
-	const __m512i bits = float_bits(float_make(size));
+	const __m512i bits = float_bits(float_make(larger_size(ends.low, ends.high)));
 	const __m512i first =
 		positive(_mm512_sub_epi32(bits, _mm512_set1_epi32(30 - dvsm_fixed_log2_up(dim))));
 	const __m512i half = half_of(first);
-	struct norm_rows by;
+	const __m512i mean = mean_of(sum_rows(x, rows, dim, half, first), dim);
+	__m512i offset = _mm512_sub_epi32(half, _mm512_sllv_epi32(mean, first));
 
-	if (_mm512_cmpgt_epi32_mask(bits, _mm512_set1_epi32(NORM_BITS))) {
-		struct dvsm_fixed_norm part = *job;
+	/* c' rises with x: the ends of x are its ends. */
+	const __m512i low = _mm512_srav_epi32(_mm512_add_epi32(ends.low, offset), first);
+	const __m512i high = _mm512_srav_epi32(_mm512_add_epi32(ends.high, offset), first);
+	const __m512i second = positive(_mm512_sub_epi32(
+		float_bits(float_make(larger_size(low, high))), _mm512_set1_epi32(14)));
+	const __m512i shift = _mm512_add_epi32(first, second);
 
-		part.x = x;
-		part.rows = rows;
-		part.high += first_row * job->out_stride;
-		part.low += job->fine ? first_row * job->out_stride : 0;
-		part.a_scale += first_row;
-		dvsm_fixed_kernels_scalar.norm(&part);
+	offset = _mm512_add_epi32(offset, _mm512_sllv_epi32(half_of(second), first));
+	return (struct centring){
+		.offset = offset,
+		.shift = shift,
+		.low = _mm512_srav_epi32(_mm512_add_epi32(ends.low, offset), shift),
+		.high = _mm512_srav_epi32(_mm512_add_epi32(ends.high, offset), shift),
+	};
+}
+
+/* Rows of a job as a job of their own. */
+static struct dvsm_fixed_norm part_of(const struct dvsm_fixed_norm *job, size_t first, size_t rows)
+{
+	struct dvsm_fixed_norm part = *job;
+
+	part.x += first * job->dim;
+	part.rows = rows;
+	part.high += first * job->out_stride;
+	part.low += job->fine ? first * job->out_stride : 0;
+	part.a_scale += first;
+	return part;
+}
+
+/* y' by c's factors and the narrowing's, and then the rows. */
+DVSM_INLINE void finish_rows(const struct dvsm_fixed_norm *job, bool ones,
+			     const struct centring *centring, const struct narrow_lanes *narrow,
+			     struct norm_rows *by)
+{
+	_mm512_storeu_si512(by->half, half_of(narrow->shift));
+	_mm512_storeu_si512(by->down, narrow->shift);
+	_mm512_storeu_si512(by->inverse, narrow->inverse);
+	if (ones && !_mm512_cmplt_epi32_mask(narrow->shift, _mm512_set1_epi32(14))) {
+		const __m512i down = _mm512_sub_epi32(narrow->shift, _mm512_set1_epi32(14));
+		const __m512i half = _mm512_sllv_epi32(half_of(down), centring->shift);
+
+		_mm512_storeu_si512(by->offset, _mm512_add_epi32(centring->offset, half));
+		_mm512_storeu_si512(by->shift, _mm512_add_epi32(centring->shift, down));
+		write_rows(job, true, by);
+	} else {
+		write_rows(job, false, by);
+	}
+}
+
+/*
+ * A job of at most sixteen rows. Where one has larger numbers than there are in a stream, or so
+ * small products that they would be shifted up, the specification does them all.
+ */
+DVSM_INLINE void norm_rows(const struct dvsm_fixed_norm *job, bool ones)
+{
+	const struct extents ends = find_extents(job->x, job->rows, job->dim);
+	const __m512i size = larger_size(ends.low, ends.high);
+
+	if (_mm512_cmpge_epi32_mask(size, _mm512_set1_epi32(1 << NORM_BITS))) {
+		dvsm_fixed_kernels_scalar.norm(job);
 		return;
 	}
 
-	/* c' rises with x: the ends of x are its ends. */
-	const __m512i mean = mean_of(sum_rows(x, rows, dim, half, first), dim);
-	__m512i offset = _mm512_sub_epi32(half, _mm512_sllv_epi32(mean, first));
-	__m512i low = _mm512_srav_epi32(_mm512_add_epi32(ends.low, offset), first);
-	__m512i high = _mm512_srav_epi32(_mm512_add_epi32(ends.high, offset), first);
-	const __m512i second = positive(_mm512_sub_epi32(
-		float_bits(float_make(larger_size(low, high))), _mm512_set1_epi32(14)));
-	const __m512i shift = _mm512_add_epi32(first, second), twice = _mm512_slli_epi32(shift, 1);
-	__m512i largest;
+	const struct centring centring = centre_rows(job->x, job->rows, job->dim, ends);
+	const __m512i twice = _mm512_slli_epi32(centring.shift, 1);
+	struct norm_rows by;
+	__m512i largest = _mm512_slli_epi32(larger_size(centring.low, centring.high), 14);
 
-	offset = _mm512_add_epi32(offset, _mm512_sllv_epi32(half_of(second), first));
-	_mm512_storeu_si512(by.offset, offset);
-	_mm512_storeu_si512(by.shift, shift);
+	_mm512_storeu_si512(by.offset, centring.offset);
+	_mm512_storeu_si512(by.shift, centring.shift);
 
-	struct wide squares = measure_rows(job, x, rows, ones, &by, &largest);
+	struct wide squares = measure_rows(job, ones, &by, &largest);
 
-	if (ones) {
-		low = _mm512_srav_epi32(_mm512_add_epi32(ends.low, offset), shift);
-		high = _mm512_srav_epi32(_mm512_add_epi32(ends.high, offset), shift);
-		largest = _mm512_slli_epi32(larger_size(low, high), 14);
-	}
 	squares.even = _mm512_add_epi64(squares.even, round_epsilon(job->gain.epsilon, twice));
 	squares.odd =
 		_mm512_add_epi64(squares.odd, round_epsilon(job->gain.epsilon, odd_lanes(twice)));
@@ -325,23 +364,12 @@ norm_sixteen(const struct dvsm_fixed_norm *job, size_t first_row, size_t rows, b
 	const struct narrow_lanes narrow =
 		narrow_lanes_make(largest, job->fine, squares, scale_lanes_set(job->gain.scale));
 
-	scale_lanes_store(narrow.scale, job->a_scale + first_row, rows);
-	_mm512_storeu_si512(by.inverse, narrow.inverse);
-	if (ones && !_mm512_cmplt_epi32_mask(narrow.shift, _mm512_set1_epi32(14))) {
-		const __m512i down = _mm512_sub_epi32(narrow.shift, _mm512_set1_epi32(14));
-
-		offset = _mm512_add_epi32(offset, _mm512_sllv_epi32(half_of(down), shift));
-		_mm512_storeu_si512(by.offset, offset);
-		_mm512_storeu_si512(by.shift, _mm512_add_epi32(shift, down));
-		write_rows(job, first_row, rows, true, &by);
-	} else {
-		const __m512i down = positive(narrow.shift);
-
-		_mm512_storeu_si512(by.up, positive(negative(narrow.shift)));
-		_mm512_storeu_si512(by.half, half_of(down));
-		_mm512_storeu_si512(by.down, down);
-		write_rows(job, first_row, rows, false, &by);
+	if (_mm512_movepi32_mask(narrow.shift)) {
+		dvsm_fixed_kernels_scalar.norm(job);
+		return;
 	}
+	scale_lanes_store(narrow.scale, job->a_scale, job->rows);
+	finish_rows(job, ones, &centring, &narrow, &by);
 }
 
 /* Whether all of a gain is 2^14. */
@@ -364,11 +392,12 @@ static void norm(const struct dvsm_fixed_norm *job)
 	const bool ones = is_of_ones(job->gain.gain, job->dim);
 
 	for (size_t i = 0; i < job->rows; i += ROWS) {
-		const size_t rows = job->rows - i < ROWS ? job->rows - i : ROWS;
+		const struct dvsm_fixed_norm part =
+			part_of(job, i, job->rows - i < ROWS ? job->rows - i : ROWS);
 
 		if (ones)
-			norm_sixteen(job, i, rows, true);
+			norm_rows(&part, true);
 		else
-			norm_sixteen(job, i, rows, false);
+			norm_rows(&part, false);
 	}
 }

@@ -215,9 +215,9 @@ static inline __m512i add_squares(__m512i squares, struct pair u)
 	return add_wide(squares, _mm512_madd_epi16(u.b, u.b));
 }
 
-static inline __attribute__((always_inline)) void
-measure_queries(const struct query_rows *rows, size_t d, const struct query_gain *gain,
-		__mmask64 lanes, __m512i squares[ROWS], __m512i largest[ROWS])
+DVSM_INLINE void measure_queries(const struct query_rows *rows, size_t d,
+				 const struct query_gain *gain, __mmask64 lanes,
+				 __m512i squares[ROWS], __m512i largest[ROWS])
 {
 	const int16_t *x = rows->u + d;
 
@@ -247,9 +247,9 @@ static inline __m512i narrow_words(__m512i u, __m512i low_gain, __m512i high_gai
 	return _mm512_mask_shuffle_epi8(high, 0x3333333333333333, low, upper);
 }
 
-static inline __attribute__((always_inline)) void
-write_queries(const struct query_rows *rows, size_t d, const struct query_gain *gain,
-	      __mmask64 lanes, __mmask64 to, const struct query_factors *by)
+DVSM_INLINE void write_queries(const struct query_rows *rows, size_t d,
+			       const struct query_gain *gain, __mmask64 lanes, __mmask64 to,
+			       const struct query_factors *by)
 {
 	const int16_t *x = rows->u + d;
 	int8_t *q = rows->q + d;
