@@ -3,7 +3,8 @@
  *
  * A panel of weights is tiles as it lies: sixteen rows of pairs of sixteen columns. Two tiles of A
  * meet two of W in four tiles of sums, a block, so that each tile loaded is used twice. While the
- * tiles' unit multiplies one block, the vectors' units finish the one before.
+ * tiles' unit multiplies one block, the vectors' units finish the one before, whose sums leave
+ * their tiles between its first products.
  */
 
 /* Rows and columns of a block of sums. */
@@ -22,8 +23,8 @@ struct product {
 	enum dvsm_epilogue epilogue;
 };
 
-/* The sums of a block; and those of a whole one that waits for its epilogue, from `row`, `col` on.
- */
+/* A block's sums, once they left tiles 0 to 3; it waits there or here for its epilogue, from `row`,
+ * `col` on. */
 struct block {
 	_Alignas(64) float sums[BLOCK][BLOCK];
 	size_t row, col;
@@ -37,6 +38,14 @@ static void store_block(struct block *block)
 	AMX_STORE(2, block->sums[TILE], sizeof(block->sums[0]));
 	AMX_STORE(3, block->sums[TILE] + TILE, sizeof(block->sums[0]));
 }
+
+/* Sums from their tile, which is empty then. */
+#define LEAVE(tile, block)                                                                         \
+	do {                                                                                       \
+		AMX_STORE(tile, (block)->sums[(tile) / 2 * TILE] + (tile) % 2 * TILE,              \
+			  sizeof((block)->sums[0]));                                               \
+		AMX_ZERO(tile);                                                                    \
+	} while (0)
 
 static void clear_sums(void)
 {
@@ -144,33 +153,56 @@ DVSM_INLINE void finish_row(const struct product *p, const struct block *block, 
 	vf_store(c + TILE, right);
 }
 
+/* The block that waits goes out at once. */
+DVSM_INLINE void flush(const struct product *p, struct block *block, enum dvsm_epilogue epilogue)
+{
+	if (!block->waits)
+		return;
+	store_block(block);
+	for (size_t row = 0; row < BLOCK; row++)
+		finish_row(p, block, row, epilogue);
+	block->waits = false;
+}
+
 /* What passes by the first-level cache, because the rest is to stay there. */
 enum stream { STREAM_NONE, STREAM_A, STREAM_W };
 
-/* Two tiles of A with two of W. */
+#define LOAD_UNLESS(streams, tile, from)                                                           \
+	do {                                                                                       \
+		if (streams)                                                                       \
+			AMX_STREAM(tile, from, 64);                                                \
+		else                                                                               \
+			AMX_LOAD(tile, from, 64);                                                  \
+	} while (0)
+
+/* Two tiles of A with two of W, and what is to be done behind each product. */
+#define MULTIPLY_STEP(a, a2, w, w2, stream, before, behind)                                        \
+	do {                                                                                       \
+		LOAD_UNLESS((stream) == STREAM_W, 6, w);                                           \
+		LOAD_UNLESS((stream) == STREAM_A, 4, a);                                           \
+		before(0);                                                                         \
+		AMX_DOT_BF16(0, 4, 6);                                                             \
+		behind;                                                                            \
+		LOAD_UNLESS((stream) == STREAM_W, 7, w2);                                          \
+		before(1);                                                                         \
+		AMX_DOT_BF16(1, 4, 7);                                                             \
+		behind;                                                                            \
+		LOAD_UNLESS((stream) == STREAM_A, 5, a2);                                          \
+		before(2);                                                                         \
+		AMX_DOT_BF16(2, 5, 6);                                                             \
+		behind;                                                                            \
+		before(3);                                                                         \
+		AMX_DOT_BF16(3, 5, 7);                                                             \
+		behind;                                                                            \
+	} while (0)
+
+#define NOTHING(tile)     (void)0
+#define LEAVE_BLOCK(tile) LEAVE(tile, block)
+
 DVSM_INLINE void multiply_step(const number *a, const number *a2, const number *w, const number *w2,
 			       enum stream stream)
 {
-	if (stream == STREAM_W)
-		AMX_STREAM(6, w, 64);
-	else
-		AMX_LOAD(6, w, 64);
-	if (stream == STREAM_A)
-		AMX_STREAM(4, a, 64);
-	else
-		AMX_LOAD(4, a, 64);
-	AMX_DOT_BF16(0, 4, 6);
-	if (stream == STREAM_W)
-		AMX_STREAM(7, w2, 64);
-	else
-		AMX_LOAD(7, w2, 64);
-	AMX_DOT_BF16(1, 4, 7);
-	if (stream == STREAM_A)
-		AMX_STREAM(5, a2, 64);
-	else
-		AMX_LOAD(5, a2, 64);
-	AMX_DOT_BF16(2, 5, 6);
-	AMX_DOT_BF16(3, 5, 7);
+	MULTIPLY_STEP(a, a2, w, w2, stream, NOTHING, (void)0);
 }
 
 /* A part of a product's depth, all rows, two panels: what multiply_whole() works on. */
@@ -179,14 +211,35 @@ struct stretch {
 	const char
 		*next; /* weights that come next, a step's lines of both panels after another's */
 	size_t ahead;  /* lines of them that each step calls into the second-level cache */
-	size_t share;  /* rows of the block before that leave beside each step */
+	size_t share;  /* rows of the block before that leave behind each product, times 2^16 */
 	enum stream stream;
 };
 
+static inline void call_ahead(const struct stretch *stretch, const char **next)
+{
+	for (size_t i = 0; i < stretch->ahead; i++, *next += 64)
+		_mm_prefetch(*next, _MM_HINT_T1);
+}
+
+/* The rows of a block on their way: how many went, how many should have. */
+struct leaving {
+	size_t row, due;
+};
+
+/* Behind a product: the rows whose turn it is. */
+DVSM_INLINE void go_on(const struct product *p, const struct stretch *stretch,
+		       const struct block *block, enum dvsm_epilogue epilogue,
+		       struct leaving *leaving)
+{
+	leaving->due += stretch->share;
+	for (; leaving->row < leaving->due >> 16; leaving->row++)
+		finish_row(p, block, leaving->row, epilogue);
+}
+
 /*
- * The sums of one whole block, and beside them the epilogue of the block before: a few rows a step,
- * because the vectors' and the tiles' units work at the same time only where their instructions lie
- * within some hundred of each other.
+ * The sums of one whole block, and beside them the epilogue of the block before: a row or two
+ * behind a product, because the vectors' and the tiles' units work at the same time only where
+ * their instructions lie within some hundred of each other.
  */
 DVSM_INLINE void multiply_whole(const struct product *p, size_t row, const struct stretch *stretch,
 				struct block *block, enum dvsm_epilogue epilogue)
@@ -196,21 +249,19 @@ DVSM_INLINE void multiply_whole(const struct product *p, size_t row, const struc
 	const number *w = p->w + stretch->col * PANEL_DEPTH(p->depth) + stretch->depth * TILE;
 	const number *w2 = w + TILE * PANEL_DEPTH(p->depth);
 	const char *next = stretch->next + row / BLOCK * stretch->steps * stretch->ahead * 64;
-	size_t done = block->waits ? 0 : BLOCK;
+	struct leaving leaving = {.row = block->waits ? 0 : BLOCK};
 
-	clear_sums();
-	for (size_t step = 0; step < stretch->steps; step++) {
+	call_ahead(stretch, &next);
+	MULTIPLY_STEP(a, a2, w, w2, stretch->stream, LEAVE_BLOCK, (void)0);
+	for (size_t step = 1; step < stretch->steps; step++) {
 		const size_t at = step * TILE * DEPTH;
 
-		multiply_step(a + at, a2 + at, w + at, w2 + at, stretch->stream);
-		for (size_t i = 0; i < stretch->ahead; i++, next += 64)
-			_mm_prefetch(next, _MM_HINT_T1);
-		for (size_t i = 0; i < stretch->share && done < BLOCK; i++, done++)
-			finish_row(p, block, done, epilogue);
+		call_ahead(stretch, &next);
+		MULTIPLY_STEP(a + at, a2 + at, w + at, w2 + at, stretch->stream, NOTHING,
+			      go_on(p, stretch, block, epilogue, &leaving));
 	}
-	for (; done < BLOCK; done++)
-		finish_row(p, block, done, epilogue);
-	store_block(block);
+	for (; leaving.row < BLOCK; leaving.row++)
+		finish_row(p, block, leaving.row, epilogue);
 	block->row = row;
 	block->col = stretch->col;
 	block->waits = true;
@@ -241,26 +292,20 @@ DVSM_INLINE void multiply_panels(const struct product *p, size_t col, struct blo
 			.next = (const char *)(p->w + (col + BLOCK) * PANEL_DEPTH(p->depth)) +
 				depth / DEPTH * BLOCK * line,
 			.ahead = last ? 0 : (BLOCK + blocks - 1) / blocks,
-			.share = (BLOCK + steps - 1) / steps,
+			.share = steps > 1 ? ((size_t)BLOCK << 16) / (4 * (steps - 1)) : 0,
 			.stream = steps * DEPTH <= STRETCH ? STREAM_A : STREAM_NONE,
 		};
 
-		if (depth == most && block->waits && epilogue == DVSM_EPILOGUE_STORE) {
-			/* The block before is still of the first stretch. */
-			for (size_t row = 0; row < BLOCK; row++)
-				finish_row(p, block, row, epilogue);
-			block->waits = false;
-		}
+		/* The block before is still of the first stretch. */
+		if (depth == most && epilogue == DVSM_EPILOGUE_STORE)
+			flush(p, block, epilogue);
 		if (depth > 0 && epilogue == DVSM_EPILOGUE_STORE)
 			multiply_stretch(p, &stretch, block, DVSM_EPILOGUE_ADD);
 		else
 			multiply_stretch(p, &stretch, block, epilogue);
 	}
-	if (p->depth > most && epilogue == DVSM_EPILOGUE_STORE) {
-		for (size_t row = 0; row < BLOCK; row++)
-			finish_row(p, block, row, DVSM_EPILOGUE_ADD);
-		block->waits = false;
-	}
+	if (p->depth > most && epilogue == DVSM_EPILOGUE_STORE)
+		flush(p, block, DVSM_EPILOGUE_ADD);
 }
 
 DVSM_INLINE void multiply(const struct product *p, enum dvsm_epilogue epilogue)
@@ -276,11 +321,12 @@ DVSM_INLINE void multiply(const struct product *p, enum dvsm_epilogue epilogue)
 			multiply_panels(p, col, &block, epilogue);
 			row = p->rows / BLOCK * BLOCK;
 		}
+		if (row < p->rows)
+			flush(p, &block, epilogue);
 		for (; row < p->rows; row += BLOCK)
 			multiply_part(p, row, col);
 	}
-	for (size_t row = 0; block.waits && row < BLOCK; row++)
-		finish_row(p, &block, row, epilogue);
+	flush(p, &block, epilogue);
 }
 
 static void gemm(const void *a, size_t a_stride, size_t rows, const void *panels, size_t depth,

@@ -15,6 +15,9 @@
 
 #include "kernels/math.inc.h"
 
+#include "kernels/gelu_lookup.inc.h"
+
+#define BF16_GELU gelu_lookup_vf
 #include "kernels/number_bf16.inc.h"
 
 #include "kernels/norm.inc.h"

@@ -1,7 +1,11 @@
 /*
  * Template: numbers are bfloat16. Included once by each bf16_<tier>.c, after math.inc.h. What is
- * rounded to 8 bits next needs no better exponential than 2^-13.
+ * rounded to 8 bits next needs no better exponential than 2^-13. A tier with a GELU of its own
+ * defines BF16_GELU.
  */
+#ifndef BF16_GELU
+#define BF16_GELU gelu_short_vf
+#endif
 
 typedef dvsm_bf16 number;
 
@@ -48,5 +52,5 @@ static inline vf num_exp2(vf x)
 
 static inline vf num_gelu(vf x)
 {
-	return gelu_short_vf(x);
+	return BF16_GELU(x);
 }
