@@ -275,12 +275,12 @@ DVSM_INLINE void multiply_stretch(const struct product *p, const struct stretch 
 		multiply_whole(p, row, stretch, block, epilogue);
 }
 
-/* Blocks that are whole, of two panels. */
+/* Blocks that are whole, of two panels. Behind the last ones lie those of the next call, as a rule;
+ * to call what nobody will use, or what is not there, does no harm. */
 DVSM_INLINE void multiply_panels(const struct product *p, size_t col, struct block *block,
 				 enum dvsm_epilogue epilogue)
 {
 	const size_t blocks = p->rows / BLOCK, line = 64;
-	const bool last = p->cols - col < 2 * BLOCK;
 	const size_t most = stretch_depth(p);
 
 	for (size_t depth = 0; depth < p->depth; depth += most) {
@@ -291,7 +291,7 @@ DVSM_INLINE void multiply_panels(const struct product *p, size_t col, struct blo
 			.col = col,
 			.next = (const char *)(p->w + (col + BLOCK) * PANEL_DEPTH(p->depth)) +
 				depth / DEPTH * BLOCK * line,
-			.ahead = last ? 0 : (BLOCK + blocks - 1) / blocks,
+			.ahead = (BLOCK + blocks - 1) / blocks,
 			.share = steps > 1 ? ((size_t)BLOCK << 16) / (4 * (steps - 1)) : 0,
 			.stream = steps * DEPTH <= STRETCH ? STREAM_A : STREAM_NONE,
 		};
