@@ -4,9 +4,9 @@
  * Sixteen queries are the rows of a tile, a group. Its keys come in spans, of which scores and
  * weights stay in the first-level cache: a tile that is stored beyond it takes three times as long.
  * So where keys are more than a span, their scores are made twice, for the largest and for the
- * sums. Stages follow each other: a tile that is stored keeps the processor's front busy for as
- * long as a product takes, and there is little to be had from the vectors' and the tiles' units at
- * the same time.
+ * sums. Keys and values, which a group meets once, pass by that cache. Stages follow each other: a
+ * tile that is stored keeps the processor's front busy for as long as a product takes, and there is
+ * little to be had from the vectors' and the tiles' units at the same time.
  */
 #define SCORE_STEP  TILE
 #define WEIGHT_STEP DEPTH
@@ -117,13 +117,13 @@ static void score(const struct group *group, const struct span *span)
 
 			if (group->slices > 1)
 				AMX_LOAD(7, group->q + slice * TILE * DEPTH, DEPTH);
-			AMX_LOAD(6, from, 64);
+			AMX_STREAM(6, from, 64);
 			AMX_DOT_SIGNED(0, 7, 6);
-			AMX_LOAD(6, from + key_bytes, 64);
+			AMX_STREAM(6, from + key_bytes, 64);
 			AMX_DOT_SIGNED(1, 7, 6);
-			AMX_LOAD(6, from + 2 * key_bytes, 64);
+			AMX_STREAM(6, from + 2 * key_bytes, 64);
 			AMX_DOT_SIGNED(2, 7, 6);
-			AMX_LOAD(6, from + 3 * key_bytes, 64);
+			AMX_STREAM(6, from + 3 * key_bytes, 64);
 			AMX_DOT_SIGNED(3, 7, 6);
 		}
 		AMX_STORE(0, scores, stride);
@@ -232,16 +232,16 @@ DVSM_INLINE void mix_pair(const struct group *group, const struct span *span, si
 	}
 	for (size_t key = 0; key < span->count; key += DEPTH, v += DEPTH * group->width) {
 		AMX_LOAD(4, group->high + key, PLANE_STRIDE);
-		AMX_LOAD(5, v, stride);
+		AMX_STREAM(5, v, stride);
 		AMX_DOT_UNSIGNED(0, 4, 5);
 		if (two) {
-			AMX_LOAD(5, v + 64, stride);
+			AMX_STREAM(5, v + 64, stride);
 			AMX_DOT_UNSIGNED(2, 4, 5);
 		}
 		AMX_LOAD(4, group->low + key, PLANE_STRIDE);
 		if (two) {
 			AMX_DOT_UNSIGNED(3, 4, 5);
-			AMX_LOAD(5, v, stride);
+			AMX_STREAM(5, v, stride);
 		}
 		AMX_DOT_UNSIGNED(1, 4, 5);
 	}
