@@ -15,33 +15,56 @@ DVSM_INLINE size_t left_at(size_t row, size_t d, size_t stride)
 	return LEFT_TILED ? dvsm_tile_place(row, d, stride) : row * stride + d;
 }
 
+/* Sums in turn, so that none waits for the one before. */
+#define SUMS 4
+
+static inline float total_of(const vf sums[SUMS])
+{
+	return vf_sum(vf_add(vf_add(sums[0], sums[1]), vf_add(sums[2], sums[3])));
+}
+
 static inline float sum_of(const float *x, size_t dim)
 {
-	vf sum = vf_set(0.0f);
+	vf sums[SUMS] = {vf_set(0.0f), vf_set(0.0f), vf_set(0.0f), vf_set(0.0f)};
 	size_t d = 0;
 
+	for (; d + SUMS * VF_LANES <= dim; d += SUMS * VF_LANES) {
+		DVSM_UNROLL
+		for (int i = 0; i < SUMS; i++)
+			sums[i] = vf_add(sums[i], vf_load(x + d + (size_t)i * VF_LANES));
+	}
 	for (; d + VF_LANES <= dim; d += VF_LANES)
-		sum = vf_add(sum, vf_load(x + d));
+		sums[0] = vf_add(sums[0], vf_load(x + d));
 	if (d < dim)
-		sum = vf_add(sum, vf_load_part(x + d, dim - d));
-	return vf_sum(sum);
+		sums[1] = vf_add(sums[1], vf_load_part(x + d, dim - d));
+	return total_of(sums);
+}
+
+static inline vf add_square(vf sum, const float *x, vf centre)
+{
+	vf e = vf_sub(vf_load(x), centre);
+
+	return vf_fma(e, e, sum);
 }
 
 /* Of x - shift; the lanes past the end must not add shift^2, so the last few go one by one. */
 static inline float squares_of(const float *x, size_t dim, float shift)
 {
-	vf sum = vf_set(0.0f), centre = vf_set(shift);
+	vf sums[SUMS] = {vf_set(0.0f), vf_set(0.0f), vf_set(0.0f), vf_set(0.0f)};
+	vf centre = vf_set(shift);
 	float rest = 0.0f;
 	size_t d = 0;
 
-	for (; d + VF_LANES <= dim; d += VF_LANES) {
-		vf e = vf_sub(vf_load(x + d), centre);
-
-		sum = vf_fma(e, e, sum);
+	for (; d + SUMS * VF_LANES <= dim; d += SUMS * VF_LANES) {
+		DVSM_UNROLL
+		for (int i = 0; i < SUMS; i++)
+			sums[i] = add_square(sums[i], x + d + (size_t)i * VF_LANES, centre);
 	}
+	for (; d + VF_LANES <= dim; d += VF_LANES)
+		sums[0] = add_square(sums[0], x + d, centre);
 	for (; d < dim; d++)
 		rest += (x[d] - shift) * (x[d] - shift);
-	return vf_sum(sum) + rest;
+	return total_of(sums) + rest;
 }
 
 /* Lanes `at` and on of a row of floats or of numbers. */

@@ -127,9 +127,13 @@ static inline __m512i vf_bits_bf16(vf a)
 
 static inline void vf_store_bf16(dvsm_bf16 *p, vf a)
 {
+#if defined(__AVX512BF16__)
+	_mm256_storeu_si256((__m256i *)p, (__m256i)_mm512_cvtneps_pbh(a));
+#else
 	__m512i bits = _mm512_srli_epi32(vf_bits_bf16(a), 16);
 
 	_mm256_storeu_si256((__m256i *)p, _mm512_cvtepi32_epi16(bits));
+#endif
 }
 
 /** To the nearest bfloat16, ties to even. */
