@@ -8,8 +8,10 @@
 #define ROWS_PER_TASK DVSM_FIXED_FEW_ROWS
 
 /* Columns of a task of a product: its rows of A stay in the first-level cache while they pass by.
+ * Few threads take twice as many, as beginnings and ends of calls are what their units wait for.
  */
-#define TASK_COLS 192u
+#define TASK_COLS   192u
+#define FEW_THREADS 4u
 
 _Static_assert(DVSM_FIXED_TASK_ROWS <= DVSM_FIXED_QUERIES,
 	       "attention takes the rows of a task at once");
@@ -258,6 +260,7 @@ void dvsm_fixed_step_norm_planes(const struct dvsm_fixed_run *run, const int32_t
 struct product_job {
 	const struct dvsm_fixed_run *run;
 	const struct dvsm_fixed_product *products;
+	size_t task_cols;
 	size_t first_cols; /* tiles of columns of the first product */
 	struct cut cut;
 };
@@ -273,7 +276,7 @@ static void product_task(void *context, size_t index, uint32_t worker)
 	const struct dvsm_fixed_product *product = &job->products[second];
 	const struct dvsm_fixed_matrix *w = product->w;
 	const size_t col_tile = second ? piece - job->first_cols : piece;
-	const size_t row = row_tile * job->cut.tile_rows, col = col_tile * TASK_COLS;
+	const size_t row = row_tile * job->cut.tile_rows, col = col_tile * job->task_cols;
 	const size_t number =
 		product->epilogue == DVSM_FIXED_ADD ? sizeof(int32_t) : sizeof(int16_t);
 	struct dvsm_fixed_gemm gemm = {
@@ -286,7 +289,7 @@ static void product_task(void *context, size_t index, uint32_t worker)
 		.w_sum = w->sums + col,
 		.w_mantissa = w->mantissas + col,
 		.w_shift = w->shifts + col,
-		.cols = tile_length(w->out, TASK_COLS, col_tile),
+		.cols = tile_length(w->out, job->task_cols, col_tile),
 		.c = (unsigned char *)product->c + (row * w->out + col) * number,
 		.c_stride = w->out,
 		.epilogue = product->epilogue,
@@ -300,13 +303,16 @@ static void product_task(void *context, size_t index, uint32_t worker)
 void dvsm_fixed_step_products(const struct dvsm_fixed_run *run, size_t rows,
 			      const struct dvsm_fixed_product *products, size_t count)
 {
+	const bool few = dvsm_pool_get_threads(run->pool) <= FEW_THREADS;
+	const size_t task_cols = few ? 2 * TASK_COLS : TASK_COLS;
 	struct product_job job = {.run = run,
 				  .products = products,
-				  .first_cols = tiles(products[0].w->out, TASK_COLS)};
+				  .task_cols = task_cols,
+				  .first_cols = tiles(products[0].w->out, task_cols)};
 	size_t cols = job.first_cols;
 
 	if (count > 1)
-		cols += tiles(products[1].w->out, TASK_COLS);
+		cols += tiles(products[1].w->out, task_cols);
 	job.cut = cut_rows(run, rows, cols);
 	expect(run, &products[0].then, &job.cut, job.first_cols);
 	dvsm_pool_run(run->pool, count_tasks(&job.cut), product_task, &job);
