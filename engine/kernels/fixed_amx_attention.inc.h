@@ -65,8 +65,8 @@ static inline size_t slice_start(size_t width, size_t slice)
 	return (slice + 1) * DEPTH <= width ? slice * DEPTH : width - DEPTH;
 }
 
-/* Queries are tile 7, keys tile 6. */
-static struct amx_config attention_tiles(size_t width)
+/* Scores take queries from tile 7 and keys from tile 6, which a short head makes smaller. */
+static void open_score_tiles(size_t width)
 {
 	struct amx_config config = amx_whole_tiles();
 
@@ -74,7 +74,15 @@ static struct amx_config attention_tiles(size_t width)
 		config.row_bytes[7] = (uint16_t)width;
 		config.rows[6] = (uint8_t)(width / 4);
 	}
-	return config;
+	amx_open(&config);
+}
+
+static void open_mix_tiles(size_t width)
+{
+	const struct amx_config config = amx_whole_tiles();
+
+	if (width < DEPTH)
+		amx_open(&config);
 }
 
 /* Queries to whole tiles; where there are fewer, the last one fills up. */
@@ -232,18 +240,15 @@ DVSM_INLINE void mix_pair(const struct group *group, const struct span *span, si
 	}
 	for (size_t key = 0; key < span->count; key += DEPTH, v += DEPTH * group->width) {
 		AMX_LOAD(4, group->high + key, PLANE_STRIDE);
-		AMX_STREAM(5, v, stride);
-		AMX_DOT_UNSIGNED(0, 4, 5);
+		AMX_STREAM(6, v, stride);
+		AMX_DOT_UNSIGNED(0, 4, 6);
+		AMX_LOAD(5, group->low + key, PLANE_STRIDE);
+		AMX_DOT_UNSIGNED(1, 5, 6);
 		if (two) {
-			AMX_STREAM(5, v + 64, stride);
-			AMX_DOT_UNSIGNED(2, 4, 5);
+			AMX_STREAM(7, v + 64, stride);
+			AMX_DOT_UNSIGNED(2, 4, 7);
+			AMX_DOT_UNSIGNED(3, 5, 7);
 		}
-		AMX_LOAD(4, group->low + key, PLANE_STRIDE);
-		if (two) {
-			AMX_DOT_UNSIGNED(3, 4, 5);
-			AMX_STREAM(5, v, stride);
-		}
-		AMX_DOT_UNSIGNED(1, 4, 5);
 	}
 	AMX_STORE(0, sums, 64);
 	AMX_STORE(1, sums + TILE * TILE, 64);
@@ -295,14 +300,18 @@ static void attend(struct group *group, size_t first)
 		group->slopes[i] = slope_make(job->q_scale[query * job->scale_stride]);
 	}
 	gather_queries(group, first);
-	amx_publish();
+	open_score_tiles(group->width);
 	find_tops(group);
 	for (size_t key = 0; key < job->keys; key += SPAN) {
 		const struct span span = span_at(group, key);
 
-		if (job->keys > SPAN)
+		if (job->keys > SPAN) {
+			if (key > 0 && group->width < DEPTH)
+				open_score_tiles(group->width);
 			score(group, &span);
+		}
 		weigh(group, &span);
+		open_mix_tiles(group->width);
 		amx_publish();
 		mix(group, &span);
 	}
@@ -333,7 +342,6 @@ static void place(struct group *group)
 
 static void attention(const struct dvsm_fixed_attention *job)
 {
-	const struct amx_config config = attention_tiles(job->head_width);
 	struct group group = {
 		.job = job,
 		.width = job->head_width,
@@ -345,8 +353,9 @@ static void attention(const struct dvsm_fixed_attention *job)
 		dvsm_fixed_kernels_scalar.attention(job);
 		return;
 	}
+	if (job->queries == 0)
+		return;
 	place(&group);
-	amx_open(&config);
 	for (size_t first = 0; first < job->queries; first += TILE)
 		attend(&group, first);
 	amx_close();
