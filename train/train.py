@@ -306,7 +306,8 @@ def loop(args, recipe, place, run, generator):
     loss_of = losses.Loss(args.vgg).to(place.device)
     weights = sum(weight.numel() for weight in run.net.parameters())
     say(place, f"{weights / 1e6:.1f} M weights on {place.device} x {place.ranks}; "
-               f"loss {loss_of.describe()}; optimiser {recipe['optimiser']}")
+               f"loss {loss_of.describe()}; optimiser {recipe['optimiser']}; "
+               f"blocks in {'C' if run.net.fast else 'PyTorch'}")
     journal = Journal(run, HeldOut(generator) if place.rank == 0 else None)
     if run.step == 0:
         journal.report()
