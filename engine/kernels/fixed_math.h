@@ -178,11 +178,6 @@ dvsm_fixed_narrow_make(uint32_t largest, bool fine, uint64_t squares, struct dvs
 	return narrow;
 }
 
-static inline int32_t dvsm_fixed_narrow_shift(int32_t y, int shift)
-{
-	return shift >= 0 ? (int32_t)dvsm_fixed_round(y, shift) : y * (1 << -shift);
-}
-
 /** How a channel of `count` >= 1 keys or values becomes int8; scale in units of the int16. */
 static inline struct dvsm_fixed_channel
 dvsm_fixed_channel_make(const struct dvsm_fixed_range *range, int64_t count,

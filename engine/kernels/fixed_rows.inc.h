@@ -55,7 +55,7 @@ static inline int32_t norm_number(const struct row_norm *row, int32_t x)
 	return round_s32(centred(x, row->first, row->mean), row->second);
 }
 
-/* dvsm_fixed_narrow_shift() */
+/* y' of a dvsm_fixed_narrow. */
 struct narrowing {
 	int up;
 	struct rounding down;
