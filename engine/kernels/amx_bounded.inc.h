@@ -161,6 +161,7 @@ static void advance(const struct bounded *b, const struct unit *young, const str
 	const size_t share = UNIT / (2 * (CHUNK / DEPTH) * steps);
 	struct weighing w = {middle, middle->exists ? 0 : UNIT};
 
+	amx_publish();
 	for (size_t key = 0; young->exists && key < CHUNK; key += 2 * TILE) {
 		const number *q = b->q + left_at(young->query, 0, dim);
 		const number *k = b->k + (young->key + key) * dim;

@@ -67,6 +67,7 @@ static const number *tile_of(const struct product *p, size_t row, size_t d, numb
 	memset(room, 0, TILE * DEPTH * sizeof(number));
 	for (size_t i = 0; i < TILE; i++)
 		memcpy(room + i * DEPTH, tile + i * DEPTH, count * sizeof(number));
+	amx_publish();
 	return room;
 }
 

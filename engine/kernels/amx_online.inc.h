@@ -32,6 +32,7 @@ static const number *whole_tile(const number *a, size_t a_stride, size_t rows, s
 	memset(fringe, 0, sizeof(*fringe));
 	for (size_t i = 0; i < rows && i < TILE; i++)
 		memcpy(fringe->rows[i], a + i * a_stride + d, count * sizeof(number));
+	amx_publish();
 	return &fringe->rows[0][0];
 }
 
@@ -44,6 +45,7 @@ static number *turned_values(const struct attention_state *state, size_t head_di
 static void prepare(const struct attention_state *state, size_t head_dim)
 {
 	zip_queries(state, head_dim, dvsm_bf16_depth(head_dim));
+	amx_publish();
 }
 
 /* Scores of 32 keys with 32 queries; keys that are not there get scores of 0. */
@@ -220,6 +222,7 @@ static void attend(const struct attention_state *state, const number *k, const n
 	weigh(state, keys);
 	clear_weights(state, keys);
 	turn_values(state, v, keys, head_dim);
+	amx_publish();
 	for (size_t d = 0; d < head_dim; d += 2 * TILE) {
 		for (size_t query = 0; query < QUERY_LANES; query += 2 * TILE)
 			value_block(state, head_dim, keys, d, query);
