@@ -11,6 +11,7 @@
 #define SCORE_STEP  TILE
 #define WEIGHT_STEP DEPTH
 
+#include "kernels/fixed_avx512_lanes.h"
 #include "kernels/fixed_avx512_softmax.inc.h"
 
 /* Up to here the sums of weighted values fit 32 bits. */
@@ -143,33 +144,16 @@ static void score(const struct group *group, const struct span *span)
 	}
 }
 
-/* Sixteen rows, each to one number. */
-#define REDUCE_ROWS(name, op)                                                                      \
-	static inline __m512i name(const int32_t *numbers)                                         \
-	{                                                                                          \
-		__m512i rows[TILE], pairs[8], fours[4], left, right;                               \
-                                                                                                   \
-		DVSM_UNROLL                                                                        \
-		for (size_t i = 0; i < TILE; i++)                                                  \
-			rows[i] = _mm512_load_si512(numbers + i * 16);                             \
-		DVSM_UNROLL                                                                        \
-		for (int i = 0; i < 8; i++)                                                        \
-			pairs[i] = op(_mm512_unpacklo_epi32(rows[2 * i], rows[2 * i + 1]),         \
-				      _mm512_unpackhi_epi32(rows[2 * i], rows[2 * i + 1]));        \
-		DVSM_UNROLL                                                                        \
-		for (int i = 0; i < 4; i++)                                                        \
-			fours[i] = op(_mm512_unpacklo_epi64(pairs[2 * i], pairs[2 * i + 1]),       \
-				      _mm512_unpackhi_epi64(pairs[2 * i], pairs[2 * i + 1]));      \
-		left = op(_mm512_shuffle_i32x4(fours[0], fours[1], 0x88),                          \
-			  _mm512_shuffle_i32x4(fours[0], fours[1], 0xdd));                         \
-		right = op(_mm512_shuffle_i32x4(fours[2], fours[3], 0x88),                         \
-			   _mm512_shuffle_i32x4(fours[2], fours[3], 0xdd));                        \
-		return op(_mm512_shuffle_i32x4(left, right, 0x88),                                 \
-			  _mm512_shuffle_i32x4(left, right, 0xdd));                                \
-	}
+/* Sixteen rows of as many numbers, each to one. */
+DVSM_INLINE __m512i fold_numbers(const int32_t *numbers, combine_fn *combine)
+{
+	__m512i rows[TILE];
 
-REDUCE_ROWS(largest_in_rows, _mm512_max_epi32)
-REDUCE_ROWS(sum_of_rows, _mm512_add_epi32)
+	DVSM_UNROLL
+	for (size_t i = 0; i < TILE; i++)
+		rows[i] = _mm512_load_si512(numbers + i * 16);
+	return fold_rows(rows, combine);
+}
 
 /* The largest scores of a span among those of all. */
 static void raise_tops(const struct group *group, const struct span *span)
@@ -194,7 +178,7 @@ static void find_tops(struct group *group)
 		score(group, &span);
 		raise_tops(group, &span);
 	}
-	_mm512_storeu_si512(tops, largest_in_rows(group->tops));
+	_mm512_storeu_si512(tops, fold_numbers(group->tops, max_s32));
 	for (size_t i = 0; i < TILE; i++)
 		group->slopes[i].top = tops[i];
 }
@@ -275,7 +259,7 @@ static void write_out(const struct group *group, size_t first)
 	int32_t total[TILE];
 	struct dvsm_fixed_quotient quotients[TILE];
 
-	_mm512_storeu_si512(total, sum_of_rows(group->total));
+	_mm512_storeu_si512(total, fold_numbers(group->total, add_s32));
 	for (size_t i = 0; i < count; i++)
 		quotients[i] = dvsm_fixed_divide((uint32_t)total[i]);
 	for (size_t d = 0; d < job->dim; d += TILE) {
