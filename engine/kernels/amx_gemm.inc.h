@@ -209,10 +209,9 @@ DVSM_INLINE void multiply_step(const number *a, const number *a2, const number *
 /* A part of a product's depth, all rows, two panels: what multiply_whole() works on. */
 struct stretch {
 	size_t depth, steps, col;
-	const char
-		*next; /* weights that come next, a step's lines of both panels after another's */
-	size_t ahead;  /* lines of them that each step calls into the second-level cache */
-	size_t share;  /* rows of the block before that leave behind each product, times 2^16 */
+	const char *next; /* weights that come next, of both panels, step after step */
+	size_t ahead;     /* lines of them that each step calls into the second-level cache */
+	size_t share;     /* rows of the block before that leave behind each product, times 2^16 */
 	enum stream stream;
 };
 

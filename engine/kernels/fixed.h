@@ -32,8 +32,8 @@
 #define DVSM_FIXED_KEYS 128u
 
 /**
- * Scores that attention keeps between its two passes, of 64 queries with 1024 keys, or of 8 with
- * 8192; where there are more it makes them twice.
+ * Scores that there is room for between attention's two passes, of 64 queries with 1024 keys, or of
+ * 8 with 8192; where there are more, or a tier keeps fewer, they are made twice.
  */
 #define DVSM_FIXED_SCORES 66560u
 

@@ -34,9 +34,8 @@ struct product {
 	struct gelu gelu;
 	size_t c_bytes; /* from row to row */
 	size_t share;   /* of a block's rows that go out behind a product of tiles, times 2^16 */
-	size_t ahead;  /* bytes of the next panels that each product calls to the second-level cache
-			*/
-	size_t called; /* those of all products of a block */
+	size_t ahead;   /* bytes of the next panels each product calls to the second-level cache */
+	size_t called;  /* those of all products of a block */
 };
 
 /* What becomes of the sums: constant where functions are called. */

@@ -392,7 +392,7 @@ static void scale_keys(const struct dvsm_fixed_keys *job, size_t first, struct k
 
 	const struct scale_lanes scale = scale_lanes_split(
 		scale_lanes_multiply(scale_lanes_set(job->root), scale_lanes_rsqrt(squares)));
-	/* Products are 2^30 at most: by 31 and more they are rounded to 0. */
+	/* Products are below 2^30: by 31 and more they are rounded to 0. */
 	const __m512i shift =
 		_mm512_min_epi32(positive(negative(_mm512_add_epi32(
 					 scale.exponent, _mm512_set1_epi32(job->fraction)))),
