@@ -200,9 +200,21 @@ static void advance(const struct bounded *b, const struct unit *young, const str
 	weigh_some(b, &w, UNIT);
 }
 
-/* All queries with the keys and values that are laid. */
-static void attend_laid(const struct bounded *b, size_t keys)
+/* Keys and values that are laid next, of this head or of the one behind it, to the second-level
+ * cache; what is not there does no harm. */
+static inline void call_numbers(const number *k, const number *v, size_t count)
 {
+	for (size_t i = 0; i < count; i += 64 / sizeof(*k)) {
+		_mm_prefetch((const char *)(k + i), _MM_HINT_T1);
+		_mm_prefetch((const char *)(v + i), _MM_HINT_T1);
+	}
+}
+
+/* All queries with the keys and values that are laid; `k` and `v` come next. */
+static void attend_laid(const struct bounded *b, size_t keys, const number *k, const number *v)
+{
+	const size_t units = b->query_rows / UNIT * ((keys + CHUNK - 1) / CHUNK);
+	const size_t share = units ? LAID * b->head_dim / units : 0;
 	struct unit middle = {.exists = false}, old = middle;
 	size_t turn = 0;
 
@@ -211,6 +223,9 @@ static void attend_laid(const struct bounded *b, size_t keys)
 			const size_t left = keys - key;
 			struct unit young = {query, key, left < CHUNK ? left : CHUNK, turn, true};
 
+			call_numbers(k, v, share);
+			k += share;
+			v += share;
 			advance(b, &young, &middle, &old);
 			old = middle;
 			middle = young;
@@ -244,7 +259,7 @@ static void attention_bounded(const struct dvsm_attention *job)
 
 		lay_keys(&b, k + key * dim, keys);
 		lay_values(&b, v + key * dim, keys);
-		attend_laid(&b, keys);
+		attend_laid(&b, keys, k + (key + keys) * dim, v + (key + keys) * dim);
 	}
 	for (size_t i = 0; i < job->queries; i++) {
 		float total = vf_sum(vf_load(b.sums + i * TILE));
