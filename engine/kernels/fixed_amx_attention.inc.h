@@ -185,6 +185,9 @@ static void find_tops(struct group *group)
 
 /* ---- weights and values ---- */
 
+/* Bytes of a head's keys, up to which those of two heads and their values share a cache. */
+#define MOST_CALLED ((size_t)256 << 10)
+
 /*
  * Behind the keys and values of a head lie those of the next, as a rule, which comes next: each
  * query calls its share of a span to the second-level cache. What is not there does no harm.
@@ -195,7 +198,7 @@ static inline void call_ahead(const struct group *group, const struct span *span
 	const size_t share = span->padded * group->width / DVSM_FIXED_QUERIES;
 	const size_t at = head + span->key * group->width + query * share;
 
-	for (size_t i = 0; i < share; i += 64) {
+	for (size_t i = 0; head <= MOST_CALLED && i < share; i += 64) {
 		_mm_prefetch(group->job->k + at + i, _MM_HINT_T1);
 		_mm_prefetch(group->job->v + at + i, _MM_HINT_T1);
 	}
