@@ -1,6 +1,7 @@
 #include "forward/engine.h"
 
 #include <stdlib.h>
+#include <string.h>
 #include <time.h>
 
 #include "base/error.h"
@@ -177,6 +178,8 @@ enum dvsm_status dvsm_engine_reserve(struct dvsm_engine *engine, const struct dv
 				 "no memory for a workspace of %.1f MB: use fewer views or a "
 				 "larger patch",
 				 (double)bytes / 1e6);
+	/* Have its pages now, not in the frame in which a thread first comes to its part. */
+	memset(engine->workspace, 0, bytes);
 	engine->workspace_bytes = bytes;
 	return DVSM_OK;
 }
