@@ -21,6 +21,9 @@
 #define CALLER_SPINS 20000
 #define YIELD_EVERY  64
 
+/* Bytes of a worker's stack; tasks have some kilobytes of numbers there. */
+#define STACK_TOUCHED 32768
+
 struct worker {
 	struct dvsm_pool *pool;
 	pthread_t thread;
@@ -142,12 +145,22 @@ static void wait_for_job(struct dvsm_pool *pool, uint64_t seen)
 	}
 }
 
+/* Have the pages of the stack that tasks come to now, not in the frame in which one first does. */
+static void touch_stack(void)
+{
+	volatile unsigned char room[STACK_TOUCHED];
+
+	for (size_t i = 0; i < sizeof(room); i += 1024)
+		room[i] = 0;
+}
+
 static void *worker_main(void *argument)
 {
 	struct worker *worker = argument;
 	struct dvsm_pool *pool = worker->pool;
 	uint64_t seen = 0;
 
+	touch_stack();
 	pthread_mutex_lock(&pool->mutex);
 	for (;;) {
 		wait_for_job(pool, seen);
