@@ -31,19 +31,22 @@ struct block {
 	bool waits;
 };
 
+#define STORE_SUMS(tile, block)                                                                    \
+	AMX_STORE(tile, (block)->sums[(tile) / 2 * TILE] + (tile) % 2 * TILE,                      \
+		  sizeof((block)->sums[0]))
+
 static void store_block(struct block *block)
 {
-	AMX_STORE(0, block->sums[0], sizeof(block->sums[0]));
-	AMX_STORE(1, block->sums[0] + TILE, sizeof(block->sums[0]));
-	AMX_STORE(2, block->sums[TILE], sizeof(block->sums[0]));
-	AMX_STORE(3, block->sums[TILE] + TILE, sizeof(block->sums[0]));
+	STORE_SUMS(0, block);
+	STORE_SUMS(1, block);
+	STORE_SUMS(2, block);
+	STORE_SUMS(3, block);
 }
 
 /* Sums from their tile, which is empty then. */
 #define LEAVE(tile, block)                                                                         \
 	do {                                                                                       \
-		AMX_STORE(tile, (block)->sums[(tile) / 2 * TILE] + (tile) % 2 * TILE,              \
-			  sizeof((block)->sums[0]));                                               \
+		STORE_SUMS(tile, block);                                                           \
 		AMX_ZERO(tile);                                                                    \
 	} while (0)
 

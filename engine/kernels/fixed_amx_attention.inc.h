@@ -35,9 +35,10 @@ struct group {
 	int32_t *scores;     /* [TILE][SCORES_STRIDE] of a span */
 	uint8_t *high, *low; /* [TILE][PLANE_STRIDE] planes of its weights */
 	int32_t *sums;       /* [pairs][2][2 planes][TILE queries][TILE channels] */
-	int32_t *tops;       /* [TILE][16] largest scores, by key modulo 16 */
+	int32_t *tops;       /* [TILE][16] largest scores so far, by key modulo 16 */
 	int32_t *total;      /* [TILE][16] sums of weights, likewise */
 	struct slope slopes[TILE];
+	int32_t top[TILE]; /* largest scores over all keys */
 };
 
 /* Keys from `key` on. */
@@ -66,27 +67,25 @@ static inline size_t slice_start(size_t width, size_t slice)
 	return (slice + 1) * DEPTH <= width ? slice * DEPTH : width - DEPTH;
 }
 
-/* Scores take queries from tile 7 and keys from tile 6, which a short head makes smaller. */
-static void open_score_tiles(size_t width)
+/* Scores take queries from tile 7 and keys from tile 6: these a short head makes smaller. */
+static void open_tiles(const struct group *group, bool scores)
 {
 	struct amx_config config = amx_whole_tiles();
 
-	if (width < DEPTH) {
-		config.row_bytes[7] = (uint16_t)width;
-		config.rows[6] = (uint8_t)(width / 4);
+	if (scores && group->width < DEPTH) {
+		config.row_bytes[7] = (uint16_t)group->width;
+		config.rows[6] = (uint8_t)(group->width / 4);
 	}
 	amx_open(&config);
 }
 
-static void open_mix_tiles(size_t width)
+/* Query i of those from `first` on; the last one fills up. */
+static inline size_t query_at(const struct group *group, size_t first, size_t i)
 {
-	const struct amx_config config = amx_whole_tiles();
-
-	if (width < DEPTH)
-		amx_open(&config);
+	return first + i < group->job->queries ? first + i : group->job->queries - 1;
 }
 
-/* Queries to whole tiles; where there are fewer, the last one fills up. */
+/* Queries to whole tiles. */
 static void gather_queries(const struct group *group, size_t first)
 {
 	const struct dvsm_fixed_attention *job = group->job;
@@ -98,11 +97,9 @@ static void gather_queries(const struct group *group, size_t first)
 
 		memset(to, 0, (size_t)TILE * DEPTH);
 		for (size_t i = 0; i < TILE; i++) {
-			const size_t query =
-				first + i < job->queries ? first + i : job->queries - 1;
+			const int8_t *q = job->q + query_at(group, first, i) * job->q_stride;
 
-			memcpy(to + i * DEPTH + (done - start),
-			       job->q + query * job->q_stride + done, bytes);
+			memcpy(to + i * DEPTH + (done - start), q + done, bytes);
 		}
 	}
 }
@@ -170,17 +167,13 @@ static void raise_tops(const struct group *group, const struct span *span)
 
 static void find_tops(struct group *group)
 {
-	int32_t tops[TILE];
-
 	for (size_t key = 0; key < group->job->keys; key += SPAN) {
 		const struct span span = span_at(group, key);
 
 		score(group, &span);
 		raise_tops(group, &span);
 	}
-	_mm512_storeu_si512(tops, fold_numbers(group->tops, max_s32));
-	for (size_t i = 0; i < TILE; i++)
-		group->slopes[i].top = tops[i];
+	_mm512_storeu_si512(group->top, fold_numbers(group->tops, max_s32));
 }
 
 /* ---- weights and values ---- */
@@ -213,10 +206,9 @@ static void weigh(const struct group *group, const struct span *span, size_t fir
 
 		AMX_KEEP_AWAKE(0, 4, 5);
 		call_ahead(group, span, first + i);
-		sums = weigh_scores(&group->slopes[i], group->scores + i * SCORES_STRIDE,
-				    group->high + i * PLANE_STRIDE, group->low + i * PLANE_STRIDE,
-				    span->count);
-
+		sums = weigh_scores(
+			&group->slopes[i], group->top[i], group->scores + i * SCORES_STRIDE,
+			group->high + i * PLANE_STRIDE, group->low + i * PLANE_STRIDE, span->count);
 		if (span->key > 0)
 			sums = _mm512_add_epi32(sums, _mm512_load_si512(total));
 		_mm512_store_si512(total, sums);
@@ -297,25 +289,26 @@ static void write_out(const struct group *group, size_t first)
 static void attend(struct group *group, size_t first)
 {
 	const struct dvsm_fixed_attention *job = group->job;
+	const bool reshaped = group->width < DEPTH;
 
 	for (size_t i = 0; i < TILE; i++) {
-		const size_t query = first + i < job->queries ? first + i : job->queries - 1;
+		const size_t at = query_at(group, first, i) * job->scale_stride;
 
-		group->slopes[i] = slope_make(job->q_scale[query * job->scale_stride]);
+		group->slopes[i] = slope_make(job->q_scale[at]);
 	}
 	gather_queries(group, first);
-	open_score_tiles(group->width);
+	open_tiles(group, true);
 	find_tops(group);
 	for (size_t key = 0; key < job->keys; key += SPAN) {
 		const struct span span = span_at(group, key);
 
-		if (job->keys > SPAN) {
-			if (key > 0 && group->width < DEPTH)
-				open_score_tiles(group->width);
+		if (key > 0 && reshaped)
+			open_tiles(group, true);
+		if (job->keys > SPAN)
 			score(group, &span);
-		}
 		weigh(group, &span, first);
-		open_mix_tiles(group->width);
+		if (reshaped)
+			open_tiles(group, false);
 		amx_publish();
 		mix(group, &span);
 	}

@@ -271,7 +271,9 @@ static void gemm(const struct dvsm_fixed_gemm *job)
 	const bool adds = job->epilogue == DVSM_FIXED_ADD, gelu = job->epilogue == DVSM_FIXED_GELU;
 	const size_t steps = job->depth / DEPTH;
 	const size_t blocks = (job->rows + BLOCK - 1) / BLOCK;
-	const size_t ahead = blocks ? (8 + blocks - 1) / blocks * 64 : 0;
+	/* Of two panels a step has as many lines as a block has columns. */
+	const size_t lines = BLOCK / PRODUCTS;
+	const size_t ahead = blocks ? (lines + blocks - 1) / blocks * 64 : 0;
 
 	amx_open(&config);
 	AMX_KEEP_AWAKE(0, 4, 5);

@@ -45,6 +45,17 @@ static inline struct pair load_pair(const int16_t *x, __mmask64 lanes)
 			     _mm512_maskz_loadu_epi16((__mmask32)(lanes >> 32), x + 32)};
 }
 
+/* The next 64 of `left` numbers. */
+static inline struct pair load_up_to(const int16_t *x, size_t left)
+{
+	return left >= GROUP ? load_pair(x, ALL_LANES) : load_pair(x, first_bytes(left));
+}
+
+static inline size_t count_from(size_t first, size_t all, size_t most)
+{
+	return all - first < most ? all - first : most;
+}
+
 /* 2^s / 2, or 0 for s = 0: what R(a, s) adds before it shifts. */
 static inline __m512i half_of(__m512i s)
 {

@@ -191,26 +191,22 @@ DVSM_INLINE struct wide measure_rows(const struct dvsm_fixed_norm *job, bool one
 /* What y' becomes, of 64 numbers: a = R(y' inverse, 15), or its two planes. */
 static inline void write_group(const struct quad *y, __m512i inverse, int8_t *high, int8_t *low)
 {
-	/* Behind two times two vectors packed to one its quarters hold four numbers of each. */
-	const __m512i order =
-		_mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
 	__m512i a = _mm512_packs_epi32(y->c[0], y->c[1]), b = _mm512_packs_epi32(y->c[2], y->c[3]);
-	__m512i bytes;
 
 	if (low) {
 		const __m512i byte = _mm512_set1_epi16(0xff), half = _mm512_set1_epi16(128);
 
 		/* The lower plane is what is left of the lowest byte, signed. */
-		bytes = _mm512_packus_epi16(_mm512_and_si512(a, byte), _mm512_and_si512(b, byte));
-		_mm512_storeu_si512(low, _mm512_permutexvar_epi32(order, bytes));
+		_mm512_storeu_si512(
+			low, in_order_of_four(_mm512_packus_epi16(_mm512_and_si512(a, byte),
+								  _mm512_and_si512(b, byte))));
 		a = _mm512_srai_epi16(_mm512_add_epi16(a, half), 8);
 		b = _mm512_srai_epi16(_mm512_add_epi16(b, half), 8);
 	} else {
 		a = _mm512_mulhrs_epi16(a, inverse);
 		b = _mm512_mulhrs_epi16(b, inverse);
 	}
-	bytes = _mm512_packs_epi16(a, b);
-	_mm512_storeu_si512(high, _mm512_permutexvar_epi32(order, bytes));
+	_mm512_storeu_si512(high, in_order_of_four(_mm512_packs_epi16(a, b)));
 }
 
 /* The factors of one row. */
@@ -392,8 +388,7 @@ static void norm(const struct dvsm_fixed_norm *job)
 	const bool ones = is_of_ones(job->gain.gain, job->dim);
 
 	for (size_t i = 0; i < job->rows; i += ROWS) {
-		const struct dvsm_fixed_norm part =
-			part_of(job, i, job->rows - i < ROWS ? job->rows - i : ROWS);
+		const struct dvsm_fixed_norm part = part_of(job, i, count_from(i, job->rows, ROWS));
 
 		if (ones)
 			norm_rows(&part, true);

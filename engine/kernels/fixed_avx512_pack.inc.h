@@ -67,8 +67,8 @@ static void range(const int16_t *x, size_t x_stride, size_t rows, size_t channel
 		size_t count = rows < RANGE_ROWS ? rows : RANGE_ROWS;
 
 		for (size_t d = 0; d < channels; d += GROUP)
-			range_block(x + d, x_stride, count,
-				    channels - d < GROUP ? channels - d : GROUP, ranges + d);
+			range_block(x + d, x_stride, count, count_from(d, channels, GROUP),
+				    ranges + d);
 		x += count * x_stride;
 		rows -= count;
 	}
@@ -128,9 +128,7 @@ static inline __m512i fit_row(const struct channels *channels, const int16_t *x)
 /* One row's numbers in their order. */
 static void fit_one(const struct channels *channels, const int16_t *x, int8_t numbers[GROUP])
 {
-	const __m512i order = _mm512_setr_epi64(0, 2, 4, 6, 1, 3, 5, 7);
-
-	_mm512_storeu_si512(numbers, _mm512_permutexvar_epi64(order, fit_row(channels, x)));
+	_mm512_storeu_si512(numbers, in_order_of_two(fit_row(channels, x)));
 }
 
 /* The first `count` of a vector's bytes, 64 at most. */

@@ -7,9 +7,8 @@
 #include "kernels/fixed_avx512.h"
 #include "kernels/tier.h"
 
-/* What all scores of a query meet, once its largest is known. */
+/* What all scores of a query meet. */
 struct slope {
-	int32_t top;
 	int32_t factor; /* twice, in both words */
 	int32_t down, up;
 };
@@ -91,11 +90,11 @@ static inline __mmask32 pair_lanes(size_t count)
 }
 
 /* Scores to planes of weights, 64 keys at a time, zeros behind the last; returns their sums. */
-DVSM_INLINE __m512i weigh_keys(const bool up, const struct slope *query, const int32_t *scores,
-			       uint8_t *high, uint8_t *low, size_t count)
+DVSM_INLINE __m512i weigh_keys(const bool up, const struct slope *query, int32_t top,
+			       const int32_t *scores, uint8_t *high, uint8_t *low, size_t count)
 {
 	const struct slope_lanes slope = {
-		.top = _mm512_set1_epi32(query->top),
+		.top = _mm512_set1_epi32(top),
 		.factor = _mm512_set1_epi32(query->factor),
 		.down = _mm512_set1_epi32(query->down),
 		.limit = _mm512_set1_epi16((int16_t)(65535u >> query->up)),
@@ -103,8 +102,6 @@ DVSM_INLINE __m512i weigh_keys(const bool up, const struct slope *query, const i
 	};
 	const __m512i ones = _mm512_set1_epi16(1);
 	const __m512i apart = _mm512_set4_epi32(0x0e0c0a08, 0x06040200, 0x0f0d0b09, 0x07050301);
-	const __m512i order =
-		_mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
 	__m512i sum = _mm512_setzero_si512(), other = sum;
 
 	for (size_t key = 0; key < count; key += 64, scores += 4 * SCORE_STEP) {
@@ -122,10 +119,8 @@ DVSM_INLINE __m512i weigh_keys(const bool up, const struct slope *query, const i
 		/* In each quarter the high bytes, then the low ones. */
 		p = _mm512_shuffle_epi8(p, apart);
 		r = _mm512_shuffle_epi8(r, apart);
-		_mm512_store_si512(high,
-				   _mm512_permutexvar_epi32(order, _mm512_unpacklo_epi64(p, r)));
-		_mm512_store_si512(low,
-				   _mm512_permutexvar_epi32(order, _mm512_unpackhi_epi64(p, r)));
+		_mm512_store_si512(high, in_order_of_four(_mm512_unpacklo_epi64(p, r)));
+		_mm512_store_si512(low, in_order_of_four(_mm512_unpackhi_epi64(p, r)));
 		high += WEIGHT_STEP;
 		low += WEIGHT_STEP;
 	}
@@ -133,19 +128,20 @@ DVSM_INLINE __m512i weigh_keys(const bool up, const struct slope *query, const i
 }
 
 /* Likewise, where the scores are worth so much that they have to grow. */
-static __attribute__((noinline)) __m512i weigh_steep(const struct slope *query,
+static __attribute__((noinline)) __m512i weigh_steep(const struct slope *query, int32_t top,
 						     const int32_t *scores, uint8_t *high,
 						     uint8_t *low, size_t count)
 {
-	return weigh_keys(true, query, scores, high, low, count);
+	return weigh_keys(true, query, top, scores, high, low, count);
 }
 
-DVSM_INLINE __m512i weigh_scores(const struct slope *query, const int32_t *scores, uint8_t *high,
-				 uint8_t *low, size_t count)
+/* Of scores of which `top` is the largest, over all spans and tiles. */
+DVSM_INLINE __m512i weigh_scores(const struct slope *query, int32_t top, const int32_t *scores,
+				 uint8_t *high, uint8_t *low, size_t count)
 {
 	if (query->up > 0)
-		return weigh_steep(query, scores, high, low, count);
-	return weigh_keys(false, query, scores, high, low, count);
+		return weigh_steep(query, top, scores, high, low, count);
+	return weigh_keys(false, query, top, scores, high, low, count);
 }
 
 /* Sixteen channels of the output: what turns sums of weighted values into them. */

@@ -9,20 +9,13 @@
 /* To bytes, with saturation. */
 static inline __m512i pack_pair(struct pair pair)
 {
-	const __m512i order = _mm512_setr_epi64(0, 2, 4, 6, 1, 3, 5, 7);
-
-	return _mm512_permutexvar_epi64(order, _mm512_packs_epi16(pair.a, pair.b));
+	return in_order_of_two(_mm512_packs_epi16(pair.a, pair.b));
 }
 
 /* Numbers of 16 bits for both words of their lanes. */
 static inline __m512i in_both_words(__m512i a)
 {
 	return _mm512_or_si512(a, _mm512_slli_epi32(a, 16));
-}
-
-static inline size_t count_from(size_t first, size_t all, size_t most)
-{
-	return all - first < most ? all - first : most;
 }
 
 /* ---- int16 to int8 ---- */
@@ -42,9 +35,7 @@ static __m512i find_largest(const int16_t *x, size_t stride, size_t rows, size_t
 		__m512i first = _mm512_setzero_si512(), second = first;
 
 		for (size_t d = 0; d < dim; d += GROUP) {
-			struct pair pair = dim - d >= GROUP
-						   ? load_pair(x + d, ALL_LANES)
-						   : load_pair(x + d, first_bytes(dim - d));
+			const struct pair pair = load_up_to(x + d, dim - d);
 
 			first = _mm512_max_epu16(first, _mm512_abs_epi16(pair.a));
 			second = _mm512_max_epu16(second, _mm512_abs_epi16(pair.b));
@@ -88,9 +79,7 @@ static void write_fit(const struct dvsm_fixed_quantise *job, size_t first,
 		int8_t *a = job->a + (first + i) * job->a_stride;
 
 		for (size_t d = 0; d < dim; d += GROUP) {
-			struct pair pair = dim - d >= GROUP
-						   ? load_pair(x + d, ALL_LANES)
-						   : load_pair(x + d, first_bytes(dim - d));
+			struct pair pair = load_up_to(x + d, dim - d);
 
 			pair.a = _mm512_mulhrs_epi16(_mm512_sllv_epi16(pair.a, shift), inverse);
 			pair.b = _mm512_mulhrs_epi16(_mm512_sllv_epi16(pair.b, shift), inverse);
@@ -142,10 +131,7 @@ static void split_row(const int16_t *x, size_t dim, int up, int8_t *high, int8_t
 	const __m512i by = _mm512_set1_epi16((int16_t)up);
 
 	for (size_t d = 0; d < dim; d += GROUP) {
-		const struct pair u =
-			shift_pair(dim - d >= GROUP ? load_pair(x + d, ALL_LANES)
-						    : load_pair(x + d, first_bytes(dim - d)),
-				   by);
+		const struct pair u = shift_pair(load_up_to(x + d, dim - d), by);
 		const struct pair top = {top_words(u.a), top_words(u.b)};
 		const struct pair rest = {rest_words(u.a, top.a), rest_words(u.b, top.b)};
 
@@ -175,6 +161,25 @@ static void split(const struct dvsm_fixed_split *job)
 		memset(low + filled, 0, rest);
 		job->a_scale[i] = dvsm_fixed_split_scale(up, job->fraction);
 	}
+}
+
+/* ---- QK-norm ---- */
+
+/* Two squares are 2^31 at most, as 32 bits without a sign hold. */
+static inline __m512i add_squares(__m512i squares, struct pair u)
+{
+	squares = add_wide(squares, _mm512_madd_epi16(u.a, u.a));
+	return add_wide(squares, _mm512_madd_epi16(u.b, u.b));
+}
+
+/* The sum of squares of each row, and epsilon. */
+static inline struct wide sum_squares(const __m512i sums[ROWS], int64_t epsilon)
+{
+	const __m512i more = _mm512_set1_epi64(epsilon);
+	const struct wide squares = sum_wide_rows(sums);
+
+	return (struct wide){_mm512_add_epi64(squares.even, more),
+			     _mm512_add_epi64(squares.odd, more)};
 }
 
 /* ---- queries ---- */
@@ -207,13 +212,6 @@ struct query_rows {
 struct query_factors {
 	int32_t half[ROWS], up[ROWS], inverse[ROWS];
 };
-
-/* Two squares are 2^31 at most, as 32 bits without a sign hold. */
-static inline __m512i add_squares(__m512i squares, struct pair u)
-{
-	squares = add_wide(squares, _mm512_madd_epi16(u.a, u.a));
-	return add_wide(squares, _mm512_madd_epi16(u.b, u.b));
-}
 
 DVSM_INLINE void measure_queries(const struct query_rows *rows, size_t d,
 				 const struct query_gain *gain, __mmask64 lanes,
@@ -289,7 +287,6 @@ static void scale_queries(const struct dvsm_fixed_queries *job, size_t head, siz
 {
 	const struct query_rows rows = query_rows_of(job, head, first);
 	const struct dvsm_fixed_gain *weights = &job->gains[head];
-	const __m512i epsilon = _mm512_set1_epi64(weights->epsilon);
 	__m512i sums[ROWS], sizes[ROWS];
 	struct dvsm_fixed_scale scales[ROWS];
 
@@ -305,11 +302,7 @@ static void scale_queries(const struct dvsm_fixed_queries *job, size_t head, siz
 			measure_queries(&rows, d, &gain, lanes, sums, sizes);
 	}
 
-	struct wide squares = sum_wide_rows(sums);
-
-	squares.even = _mm512_add_epi64(squares.even, epsilon);
-	squares.odd = _mm512_add_epi64(squares.odd, epsilon);
-
+	const struct wide squares = sum_squares(sums, weights->epsilon);
 	const struct narrow_lanes narrow = narrow_lanes_make(
 		fold_rows(sizes, max_s32), false, squares, scale_lanes_set(weights->scale));
 
@@ -370,26 +363,18 @@ static void scale_keys(const struct dvsm_fixed_keys *job, size_t first, struct k
 {
 	const size_t rows = count_from(first, job->rows, ROWS);
 	const int16_t *u = job->u + first * job->u_stride;
-	const __m512i epsilon = _mm512_set1_epi64(job->epsilon);
 	__m512i sums[ROWS];
 
 	clear_rows(sums, rows);
 	for (size_t i = 0; i < rows; i++, u += job->u_stride) {
 		__m512i sum = _mm512_setzero_si512();
-		size_t d = 0;
 
-		for (; d + GROUP <= job->dim; d += GROUP)
-			sum = add_squares(sum, load_pair(u + d, ALL_LANES));
-		if (d < job->dim)
-			sum = add_squares(sum, load_pair(u + d, first_bytes(job->dim - d)));
+		for (size_t d = 0; d < job->dim; d += GROUP)
+			sum = add_squares(sum, load_up_to(u + d, job->dim - d));
 		sums[i] = sum;
 	}
 
-	struct wide squares = sum_wide_rows(sums);
-
-	squares.even = _mm512_add_epi64(squares.even, epsilon);
-	squares.odd = _mm512_add_epi64(squares.odd, epsilon);
-
+	const struct wide squares = sum_squares(sums, job->epsilon);
 	const struct scale_lanes scale = scale_lanes_split(
 		scale_lanes_multiply(scale_lanes_set(job->root), scale_lanes_rsqrt(squares)));
 	/* Products are below 2^30: by 31 and more they are rounded to 0. */

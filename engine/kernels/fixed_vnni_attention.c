@@ -190,10 +190,9 @@ static int32_t largest_score(const struct query *query, size_t count, size_t at)
 
 static void weigh(struct query *query, size_t count, size_t at)
 {
-	__m512i sums;
+	__m512i sums = weigh_scores(&query->slope, query->top, query->scores + at, query->high,
+				    query->low, count);
 
-	query->slope.top = query->top;
-	sums = weigh_scores(&query->slope, query->scores + at, query->high, query->low, count);
 	query->sum += _mm512_reduce_add_epi32(sums);
 }
 
