@@ -181,6 +181,20 @@ static void fill_ones(int16_t *gain, size_t count)
 
 /* ---- the checks, one of a random shape each ---- */
 
+/* A job by the specification and by the tier: the numbers that go to its field `to`, and the scales
+ * that go to `scale_to`, are the same. */
+#define EXPECT_SAME(tier, kernel, job, to, numbers, scale_to, scales, what)                        \
+	do {                                                                                       \
+		(job).to = (numbers).want;                                                         \
+		(job).scale_to = (scales).want;                                                    \
+		dvsm_fixed_kernels_scalar.kernel(&(job));                                          \
+		(job).to = (numbers).got;                                                          \
+		(job).scale_to = (scales).got;                                                     \
+		(tier)->kernel(&(job));                                                            \
+		compare(&(scales), (tier)->name, "scales of " what);                               \
+		compare(&(numbers), (tier)->name, what);                                           \
+	} while (0)
+
 static void fill_weights(struct dvsm_fixed_gemm *job, size_t inner, int spread)
 {
 	enum kind kind = draw_kind();
@@ -314,14 +328,7 @@ static void check_quantise(const struct dvsm_fixed_kernels *tier)
 	struct outputs a = take_outputs(rows * job.a_stride);
 	struct outputs scale = take_outputs(rows * sizeof(struct dvsm_fixed_scale));
 
-	job.a = a.want;
-	job.a_scale = scale.want;
-	dvsm_fixed_kernels_scalar.quantise(&job);
-	job.a = a.got;
-	job.a_scale = scale.got;
-	tier->quantise(&job);
-	compare(&scale, tier->name, "quantise's scales");
-	compare(&a, tier->name, "quantise");
+	EXPECT_SAME(tier, quantise, job, a, a, a_scale, scale, "quantise");
 }
 
 static void check_split(const struct dvsm_fixed_kernels *tier)
@@ -339,14 +346,7 @@ static void check_split(const struct dvsm_fixed_kernels *tier)
 	struct outputs planes = take_outputs(2 * rows * job.plane);
 	struct outputs scale = take_outputs(rows * sizeof(struct dvsm_fixed_scale));
 
-	job.planes = planes.want;
-	job.a_scale = scale.want;
-	dvsm_fixed_kernels_scalar.split(&job);
-	job.planes = planes.got;
-	job.a_scale = scale.got;
-	tier->split(&job);
-	compare(&scale, tier->name, "split's scales");
-	compare(&planes, tier->name, "split");
+	EXPECT_SAME(tier, split, job, planes, planes, a_scale, scale, "split");
 }
 
 static void check_queries(const struct dvsm_fixed_kernels *tier)
@@ -370,14 +370,7 @@ static void check_queries(const struct dvsm_fixed_kernels *tier)
 		gains[h] = (struct dvsm_fixed_gain){
 			take_gain(dim), draw_scale(-30, 10),
 			(int64_t)(support_random_next(&rng) >> between(4, 63))};
-	job.q = q.want;
-	job.q_scale = scale.want;
-	dvsm_fixed_kernels_scalar.queries(&job);
-	job.q = q.got;
-	job.q_scale = scale.got;
-	tier->queries(&job);
-	compare(&scale, tier->name, "the queries' scales");
-	compare(&q, tier->name, "queries");
+	EXPECT_SAME(tier, queries, job, q, q, q_scale, scale, "queries");
 }
 
 /* Rows of one number each, of every size: all shifts and inverses there are. */
@@ -402,22 +395,8 @@ static void check_every_size(const struct dvsm_fixed_kernels *tier)
 
 	for (int i = 0; i < ROWS; i++)
 		x[i] = (int16_t)(i == ROWS - 1 || between(0, 1) ? -i : i);
-	quantise.a = a.want;
-	quantise.a_scale = a_scale.want;
-	dvsm_fixed_kernels_scalar.quantise(&quantise);
-	quantise.a = a.got;
-	quantise.a_scale = a_scale.got;
-	tier->quantise(&quantise);
-	compare(&a_scale, tier->name, "scales of quantise by size");
-	compare(&a, tier->name, "quantise by size");
-	queries.q = q.want;
-	queries.q_scale = q_scale.want;
-	dvsm_fixed_kernels_scalar.queries(&queries);
-	queries.q = q.got;
-	queries.q_scale = q_scale.got;
-	tier->queries(&queries);
-	compare(&q_scale, tier->name, "scales of queries by size");
-	compare(&q, tier->name, "queries by size");
+	EXPECT_SAME(tier, quantise, quantise, a, a, a_scale, a_scale, "quantise by size");
+	EXPECT_SAME(tier, queries, queries, q, q, q_scale, q_scale, "queries by size");
 }
 
 /* Scales of rows of ones by epsilon alone: roots of numbers of any bits, and of powers of two. */
@@ -440,14 +419,7 @@ static void check_every_root(const struct dvsm_fixed_kernels *tier)
 	gains.epsilon = (int64_t)(power - 1);
 	if (between(0, 4))
 		gains.epsilon = (int64_t)(power + support_random_next(&rng) % power - 1);
-	job.q = q.want;
-	job.q_scale = scale.want;
-	dvsm_fixed_kernels_scalar.queries(&job);
-	job.q = q.got;
-	job.q_scale = scale.got;
-	tier->queries(&job);
-	compare(&scale, tier->name, "scales by root");
-	compare(&q, tier->name, "queries by root");
+	EXPECT_SAME(tier, queries, job, q, q, q_scale, scale, "queries by root");
 }
 
 static void check_keys(const struct dvsm_fixed_kernels *tier)
