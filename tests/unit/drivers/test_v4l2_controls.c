@@ -4,19 +4,9 @@
 #include <errno.h>
 #include <string.h>
 
-#include "fake_v4l2.h"
+#include "v4l2_rig.h"
 
-#define SECOND_NS 1000000000ll
 #define ALL_LOCKS (DIO_LOCK_EXPOSURE | DIO_LOCK_GAIN | DIO_LOCK_WHITE_BALANCE | DIO_LOCK_FOCUS)
-
-struct rig {
-	struct fake_v4l2 fake;
-	struct dio_v4l2_system system;
-	struct dio_camera *camera;
-	struct dio_camera_controls controls;
-	struct dio_frame frame;
-	struct dio_error error;
-};
 
 /* A webcam whose automatics have found 12 ms, gain 40, 4600 K and a focus of 30, and which falls
  * back to its least values when an automatic is switched. */
@@ -35,31 +25,6 @@ static const struct fake_control WEBCAM[] = {
 	{.id = V4L2_CID_FOCUS_ABSOLUTE, .max = 250, .value = 30},
 	{.id = V4L2_CID_POWER_LINE_FREQUENCY, .max = 2, .value = 2},
 };
-
-static void rig_init(struct rig *rig)
-{
-	memset(rig, 0, sizeof(*rig));
-	fake_v4l2_init(&rig->fake);
-	rig->system = fake_v4l2_system(&rig->fake);
-}
-
-static void rig_start(struct rig *rig)
-{
-	const struct dio_camera_options options = {0};
-
-	assert_ok(
-		dio_v4l2_open_on(&rig->system, "/dev/video9", &options, &rig->camera, &rig->error),
-		rig->error);
-	assert_ok(dio_camera_start(rig->camera, &rig->error), rig->error);
-}
-
-static void rig_close(struct rig *rig)
-{
-	dio_camera_close(rig->camera);
-	assert_false(rig->fake.is_open);
-	assert_int_equal(rig->fake.mapped_count, 0);
-	assert_int_equal(rig->fake.exported_count, 0);
-}
 
 static void rig_start_webcam(struct rig *rig)
 {
