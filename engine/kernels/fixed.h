@@ -3,7 +3,7 @@
  * engine. engine/FIXED_POINT.md derives what is stated here.
  *
  * Everything is exact: two sets of functions given the same input write the same bits. The scalar
- * set (fixed_ref.c) is the specification; tests/kernels/test_fixed.c holds the others to it. All
+ * set (fixed_ref.c) is the specification; test_fixed*.c of tests/kernels hold the others to it. All
  * functions are reentrant and touch nothing beyond the ranges stated. How a caller cuts rows,
  * columns or queries into calls changes no bit, nor does the order of keys.
  *
