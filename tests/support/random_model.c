@@ -181,3 +181,13 @@ struct dvsm_camera support_ring_camera(uint32_t width, uint32_t height, uint32_t
 		.world_from_camera = {c, 0, -s, 2 * s, 0, 1, 0, 0, s, 0, c, -2 * c, 0, 0, 0, 1},
 	};
 }
+
+struct dvsm_view support_random_view(struct support_random *random,
+				     const struct dvsm_camera *camera, float *rgb)
+{
+	const size_t numbers = (size_t)camera->width * camera->height * 3;
+
+	for (size_t i = 0; i < numbers; i++)
+		rgb[i] = 0.5f + 0.5f * support_random_unit(random);
+	return (struct dvsm_view){.camera = *camera, .rgb = rgb};
+}

@@ -1,4 +1,4 @@
-/* Models of any size with random weights, and cameras to look at them with. */
+/* Models of any size with random weights, cameras to look at them with, and views of noise. */
 #ifndef TESTS_SUPPORT_RANDOM_MODEL_H
 #define TESTS_SUPPORT_RANDOM_MODEL_H
 
@@ -19,5 +19,10 @@ struct dvsm_model *support_random_model(const struct dvsm_model_config *config,
 /** Camera `index` of `count` on a ring of radius 2 around the origin, looking at it. */
 struct dvsm_camera support_ring_camera(uint32_t width, uint32_t height, uint32_t index,
 				       uint32_t count);
+
+/** A view of noise, 0 to 1, which is drawn into rgb[height][width][3] of the camera's size and
+ * borrowed. */
+struct dvsm_view support_random_view(struct support_random *random,
+				     const struct dvsm_camera *camera, float *rgb);
 
 #endif

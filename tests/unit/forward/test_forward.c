@@ -50,14 +50,12 @@ static int set_up(void **state)
 	f->model = support_random_model(&config, &f->random);
 	assert_non_null(f->model);
 	for (uint32_t v = 0; v < VIEWS; v++) {
-		size_t numbers = (size_t)widths[v] * heights[v] * 3;
+		const struct dvsm_camera camera =
+			support_ring_camera(widths[v], heights[v], 2 * v, RING);
 
-		f->pictures[v] = malloc(numbers * sizeof(float));
+		f->pictures[v] = malloc((size_t)widths[v] * heights[v] * 3 * sizeof(float));
 		assert_non_null(f->pictures[v]);
-		for (size_t i = 0; i < numbers; i++)
-			f->pictures[v][i] = 0.5f + 0.5f * support_random_unit(&f->random);
-		f->views[v].camera = support_ring_camera(widths[v], heights[v], 2 * v, RING);
-		f->views[v].rgb = f->pictures[v];
+		f->views[v] = support_random_view(&f->random, &camera, f->pictures[v]);
 	}
 	f->target = support_ring_camera(48, 36, 1, RING);
 	*state = f;

@@ -46,10 +46,9 @@ static int set_up(void **state)
 	f->model = support_random_model(&config, &random);
 	assert_non_null(f->model);
 	for (uint32_t v = 0; v < VIEWS; v++) {
-		for (size_t i = 0; i < NUMBERS; i++)
-			f->pictures[v][i] = support_random_unit(&random);
-		f->views[v].camera = support_ring_camera(SIDE, SIDE, 2 * v, RING);
-		f->views[v].rgb = f->pictures[v];
+		const struct dvsm_camera camera = support_ring_camera(SIDE, SIDE, 2 * v, RING);
+
+		f->views[v] = support_random_view(&random, &camera, f->pictures[v]);
 	}
 	*state = f;
 	return 0;

@@ -52,10 +52,9 @@ static void make_fixture(struct fixture *f, const struct dvsm_model_config *conf
 	f->model = support_random_model(config, &random);
 	assert_non_null(f->model);
 	for (uint32_t v = 0; v < VIEWS; v++) {
-		for (size_t i = 0; i < NUMBERS; i++)
-			f->pictures[v][i] = 0.5f + 0.5f * support_random_unit(&random);
-		f->views[v].camera = camera_at(turns[v][0], turns[v][1]);
-		f->views[v].rgb = f->pictures[v];
+		const struct dvsm_camera camera = camera_at(turns[v][0], turns[v][1]);
+
+		f->views[v] = support_random_view(&random, &camera, f->pictures[v]);
 	}
 	f->target = camera_at(0.96, 0.28);
 }

@@ -72,10 +72,9 @@ static int set_up(void **state)
 	write_file(f->path, bytes, size);
 	free(bytes);
 	for (uint32_t v = 0; v < VIEWS; v++) {
-		for (size_t i = 0; i < NUMBERS; i++)
-			f->pictures[v][i] = 0.5f + 0.5f * support_random_unit(&random);
-		f->views[v].camera = support_ring_camera(SIDE, SIDE, v, 12);
-		f->views[v].rgb = f->pictures[v];
+		const struct dvsm_camera camera = support_ring_camera(SIDE, SIDE, v, 12);
+
+		f->views[v] = support_random_view(&random, &camera, f->pictures[v]);
 	}
 	f->target = support_ring_camera(SIDE, SIDE, 3, 12);
 	*state = f;
