@@ -14,11 +14,10 @@ struct query {
 	int32_t top;
 	int64_t sum;
 	struct row_bytes q; /* [head_width] */
-	uint8_t *room;      /* for q */
 	int32_t *scores;    /* as many as are kept */
 	int16_t *weights;   /* [DVSM_FIXED_KEYS] ordered words */
 	int32_t *o;         /* [head_width] sums above their last 8 bits */
-	int32_t *o_low;     /* [head_width] those bits */
+	int32_t *o_low;     /* [head_width] those bits; behind them q's bytes */
 };
 
 static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count,
@@ -187,32 +186,13 @@ static void write_out(const struct dvsm_fixed_attention *job, const struct query
 	}
 }
 
-/* Places for the queries of a group in the caller's scratch. */
-static void place(const struct dvsm_fixed_attention *job, size_t scores_stride,
-		  struct query queries[QUERIES])
-{
-	int32_t *scores = job->scratch;
-	unsigned char *at = (unsigned char *)(scores + DVSM_FIXED_SCORES);
-
-	for (int i = 0; i < QUERIES; i++) {
-		queries[i].scores = scores + (size_t)i * scores_stride;
-		queries[i].weights = (int16_t *)(void *)at;
-		at += DVSM_FIXED_KEYS * sizeof(int16_t);
-		queries[i].o = (int32_t *)(void *)at;
-		at += job->head_width * sizeof(int32_t);
-		queries[i].o_low = (int32_t *)(void *)at;
-		at += job->head_width * sizeof(int32_t);
-		queries[i].room = at;
-		at += dvsm_fixed_pad(job->head_width, 32);
-	}
-}
-
 static void start(const struct dvsm_fixed_attention *job, size_t index, struct query *query)
 {
 	query->slope = dvsm_fixed_slope_make(job->q_scale[index * job->scale_stride]);
 	query->top = 0;
 	query->sum = 0;
-	query->q = row_prepare(job->q + index * job->q_stride, job->head_width, query->room);
+	query->q = row_prepare(job->q + index * job->q_stride, job->head_width,
+			       (uint8_t *)(query->o_low + job->head_width));
 	memset(query->o, 0, job->head_width * sizeof(*query->o));
 	memset(query->o_low, 0, job->head_width * sizeof(*query->o_low));
 }

@@ -2,8 +2,8 @@
  * Template: fixed-point attention of QUERIES queries that pass over the keys together, twice: for
  * the largest score, then for the sums. Included by a tier behind
  *
- *   struct query         a query on its way: top and what the tier's steps need
- *   place(), start()     its places in the caller's scratch; its state before the first key
+ *   struct query         a query on its way: top, scores, weights, o and o_low as place() lays
+ * them, and what else the tier's steps need start()              its state before the first key
  *   score()              scores of a tile of keys, `at` behind where the query's begin
  *   largest_score()      of a tile's
  *   weigh(), mix()       a tile's weights, and their sum; sums of weights times values
@@ -22,6 +22,23 @@ static inline bool scores_kept(const struct dvsm_fixed_attention *job)
 static inline size_t scores_stride(const struct dvsm_fixed_attention *job)
 {
 	return dvsm_fixed_scores_stride(scores_kept(job) ? job->keys : DVSM_FIXED_KEYS);
+}
+
+/* Places in the caller's scratch, a query: scores, 16 bits a weight of a tile, two sums a channel,
+ * a byte a channel. */
+static void place(const struct dvsm_fixed_attention *job, struct query queries[QUERIES])
+{
+	int32_t *scores = job->scratch;
+	unsigned char *at = (unsigned char *)(scores + DVSM_FIXED_SCORES);
+
+	for (size_t i = 0; i < QUERIES; i++) {
+		queries[i].scores = scores + i * scores_stride(job);
+		queries[i].weights = (void *)at;
+		at += DVSM_FIXED_KEYS * sizeof(int16_t);
+		queries[i].o = (int32_t *)(void *)at;
+		queries[i].o_low = queries[i].o + job->head_width;
+		at += 2 * job->head_width * sizeof(int32_t) + dvsm_fixed_pad(job->head_width, 64);
+	}
 }
 
 static void find_tops(const struct dvsm_fixed_attention *job, struct query queries[QUERIES])
@@ -72,7 +89,7 @@ static void attention(const struct dvsm_fixed_attention *job)
 		dvsm_fixed_kernels_scalar.attention(job);
 		return;
 	}
-	place(job, scores_stride(job), queries);
+	place(job, queries);
 	for (size_t first = 0; first < job->queries; first += QUERIES) {
 		size_t left = job->queries - first;
 

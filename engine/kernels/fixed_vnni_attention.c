@@ -28,11 +28,10 @@ struct query {
 	int32_t top;
 	int32_t offset; /* -128 times the sum of q */
 	int64_t sum;
-	int32_t *scores; /* as many as are kept */
-	uint8_t *high;   /* [DVSM_FIXED_KEYS] planes of the weights */
-	uint8_t *low;
-	int32_t *o;     /* [head_width] sums with the high plane */
-	int32_t *o_low; /* [head_width] sums with the low one */
+	int32_t *scores;  /* as many as are kept */
+	uint8_t *weights; /* [2][DVSM_FIXED_KEYS] planes: high, low */
+	int32_t *o;       /* [head_width] sums with the high plane */
+	int32_t *o_low;   /* [head_width] sums with the low one */
 };
 
 static void start(const struct dvsm_fixed_attention *job, size_t index, struct query *query)
@@ -147,8 +146,8 @@ DVSM_INLINE void mix_groups(const int groups, const struct query *queries, const
 			b[j] = _mm512_load_si512(from + (size_t)j * 64);
 		DVSM_UNROLL
 		for (int i = 0; i < MIX_QUERIES; i++) {
-			__m512i x = broadcast(queries[i].high + key);
-			__m512i y = broadcast(queries[i].low + key);
+			__m512i x = broadcast(queries[i].weights + key);
+			__m512i y = broadcast(queries[i].weights + DVSM_FIXED_KEYS + key);
 
 			DVSM_UNROLL
 			for (int j = 0; j < groups; j++) {
@@ -190,8 +189,8 @@ static int32_t largest_score(const struct query *query, size_t count, size_t at)
 
 static void weigh(struct query *query, size_t count, size_t at)
 {
-	__m512i sums = weigh_scores(&query->slope, query->top, query->scores + at, query->high,
-				    query->low, count);
+	__m512i sums = weigh_scores(&query->slope, query->top, query->scores + at, query->weights,
+				    query->weights + DVSM_FIXED_KEYS, count);
 
 	query->sum += _mm512_reduce_add_epi32(sums);
 }
@@ -206,26 +205,6 @@ static void write_out(const struct dvsm_fixed_attention *job, const struct query
 
 		write_channels(&channels, quotient, _mm512_load_si512(query->o + d),
 			       _mm512_load_si512(query->o_low + d), out + d);
-	}
-}
-
-/* Places for the queries of a group in the caller's scratch. */
-static void place(const struct dvsm_fixed_attention *job, size_t scores_stride,
-		  struct query queries[QUERIES])
-{
-	int32_t *scores = job->scratch;
-	unsigned char *at = (unsigned char *)(scores + DVSM_FIXED_SCORES);
-
-	for (int i = 0; i < QUERIES; i++) {
-		queries[i].scores = scores + (size_t)i * scores_stride;
-		queries[i].high = at;
-		at += DVSM_FIXED_KEYS;
-		queries[i].low = at;
-		at += DVSM_FIXED_KEYS;
-		queries[i].o = (int32_t *)(void *)at;
-		at += job->head_width * sizeof(int32_t);
-		queries[i].o_low = (int32_t *)(void *)at;
-		at += job->head_width * sizeof(int32_t);
 	}
 }
 
