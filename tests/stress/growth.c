@@ -147,6 +147,7 @@ static void walk(const struct stress_job *job, const struct line *line, struct s
 
 		snprintf(name, sizeof(name), "%s %g", line->name, line->steps[i]);
 		recipe.name = name;
+		recipe.seed = job->seed;
 		line->set(&recipe, line->steps[i]);
 
 		struct stress_world *world = stress_world_make(&recipe);

@@ -93,54 +93,69 @@ static struct stress_outcome run_or_fault(const struct stress_job *job,
 
 /* Where keys come in another order or number, bf16's running maximum runs another way, weights move
  * in their last bit and many numbers fall on the other side: what is left is two pictures each as
- * far from float32 as rounding puts it, some 50 dB with drawn weights. Fixed sums have no order. */
-#define OTHER_SUMS_DB 46.0
+ * far from float32 as rounding puts it. The worst of seeds 1 to 100 on every tier of x86 is 54.9
+ * dB; 1.5 dB are left for tiers to come. Fixed sums have no order. */
+#define OTHER_SUMS_DB 53.4
 
 static double other_sums_db(enum dvsm_precision precision)
 {
 	return precision == DVSM_PRECISION_FIXED ? SAME_DB : OTHER_SUMS_DB;
 }
 
-/* The picture of `world`, changed, against the one from before: f32 to 1e-4 of full scale, the
- * others to `least_db`. */
-static void expect_same(const struct stress_job *job, const struct stress_world *world,
-			enum dvsm_precision precision, const char *name, double least_db,
-			const float *before)
+/* A world before anything changes, as each tier of a precision renders it. */
+struct befores {
+	enum dvsm_precision precision;
+	size_t tiers;
+	uint32_t masks[STRESS_TIERS];
+	struct stress_outcome outcomes[STRESS_TIERS];
+};
+
+/* How far apart two pictures are, in what the precision is judged by. */
+static double difference_of(enum dvsm_precision precision, const float *picture,
+			    const float *before, size_t numbers)
 {
-	const struct stress_way way = {.precision = precision, .threads = job->threads};
+	struct stress_error error = stress_compare_pictures(picture, before, numbers);
+
+	return precision == DVSM_PRECISION_F32 ? error.largest : fmin(error.psnr_db, 200);
+}
+
+/* The picture of `world`, changed, against the one from before, the worst of all tiers: f32 to 1e-4
+ * of full scale, the others to `least_db`. */
+static void expect_same(const struct stress_job *job, const struct stress_world *world,
+			const struct befores *befores, const char *name, double least_db)
+{
+	const bool absolute = befores->precision == DVSM_PRECISION_F32;
 	char full_name[64];
 	struct stress_figure figure = {
 		.group = "invariants",
 		.name = full_name,
-		.precision = dvsm_precision_name(precision),
+		.precision = dvsm_precision_name(befores->precision),
+		.what = absolute ? "largest difference" : "PSNR between the two, dB",
+		.judgement = absolute ? STRESS_AT_MOST : STRESS_AT_LEAST,
+		.limit = absolute ? 1e-4 : least_db,
+		.value = absolute ? 0 : INFINITY,
 	};
 
 	snprintf(full_name, sizeof(full_name), "%s, %s", world->recipe.name, name);
+	for (size_t t = 0; t < befores->tiers; t++) {
+		const struct stress_way way = {befores->precision, befores->masks[t], job->threads};
+		struct stress_outcome after = run_or_fault(job, world, &way, &figure);
 
-	struct stress_outcome after = run_or_fault(job, world, &way, &figure);
+		if (after.status != DVSM_OK)
+			return;
 
-	if (after.status != DVSM_OK)
-		return;
+		double difference = difference_of(befores->precision, after.picture,
+						  befores->outcomes[t].picture, world->numbers);
 
-	struct stress_error error = stress_compare_pictures(after.picture, before, world->numbers);
-
-	if (precision == DVSM_PRECISION_F32) {
-		figure.what = "largest difference";
-		figure.judgement = STRESS_AT_MOST;
-		figure.value = error.largest;
-		figure.limit = 1e-4;
-	} else {
-		figure.what = "PSNR between the two, dB";
-		figure.judgement = STRESS_AT_LEAST;
-		figure.value = fmin(error.psnr_db, 200);
-		figure.limit = least_db;
+		figure.value =
+			absolute ? fmax(figure.value, difference) : fmin(figure.value, difference);
+		stress_outcome_deinit(&after);
 	}
 	stress_report_add(job->report, &figure);
-	stress_outcome_deinit(&after);
 }
 
 static void check_changes(const struct stress_job *job, struct stress_world *world,
-			  enum dvsm_precision precision, const float *before)
+			  const struct befores *befores)
 {
 	const struct dvsm_camera target = world->target;
 	const uint32_t count = world->recipe.views;
@@ -151,7 +166,7 @@ static void check_changes(const struct stress_job *job, struct stress_world *wor
 		for (uint32_t v = 0; v < count; v++)
 			changes[i].apply(&world->views[v].camera, changes[i].amount);
 		changes[i].apply(&world->target, changes[i].amount);
-		expect_same(job, world, precision, changes[i].name, SAME_DB, before);
+		expect_same(job, world, befores, changes[i].name, SAME_DB);
 		memcpy(world->views, views, count * sizeof(*views));
 		world->target = target;
 	}
@@ -159,7 +174,7 @@ static void check_changes(const struct stress_job *job, struct stress_world *wor
 }
 
 static void check_order(const struct stress_job *job, struct stress_world *world,
-			enum dvsm_precision precision, const float *before)
+			const struct befores *befores)
 {
 	const uint32_t count = world->recipe.views;
 
@@ -170,18 +185,18 @@ static void check_order(const struct stress_job *job, struct stress_world *world
 		world->views[i] = world->views[count - 1 - i];
 		world->views[count - 1 - i] = swapped;
 	}
-	expect_same(job, world, precision, "views back to front", other_sums_db(precision), before);
+	expect_same(job, world, befores, "views back to front", other_sums_db(befores->precision));
 
 	struct dvsm_view first = world->views[0];
 
 	memmove(world->views, world->views + 1, (count - 1) * sizeof(first));
 	world->views[count - 1] = first;
-	expect_same(job, world, precision, "views turned on", other_sums_db(precision), before);
+	expect_same(job, world, befores, "views turned on", other_sums_db(befores->precision));
 }
 
 /* Every view twice: each key counts twice in numerator and denominator. */
 static void check_doubled(const struct stress_job *job, struct stress_world *world,
-			  enum dvsm_precision precision, const float *before)
+			  const struct befores *befores)
 {
 	const uint32_t count = world->recipe.views;
 	struct dvsm_view *once = world->views;
@@ -190,7 +205,7 @@ static void check_doubled(const struct stress_job *job, struct stress_world *wor
 	memcpy(world->views, once, count * sizeof(*once));
 	memcpy(world->views + count, once, count * sizeof(*once));
 	world->recipe.views = 2 * count;
-	expect_same(job, world, precision, "every view twice", other_sums_db(precision), before);
+	expect_same(job, world, befores, "every view twice", other_sums_db(befores->precision));
 	free(world->views);
 	world->views = once;
 	world->recipe.views = count;
@@ -198,23 +213,23 @@ static void check_doubled(const struct stress_job *job, struct stress_world *wor
 
 /* The same bits whatever the number of threads; in fixed point also whatever the tier. */
 static void check_bits(const struct stress_job *job, const struct stress_world *world,
-		       enum dvsm_precision precision, const float *before)
+		       const struct befores *befores)
 {
+	const float *before = befores->outcomes[befores->tiers - 1].picture;
+	const size_t tiers = befores->precision == DVSM_PRECISION_FIXED ? befores->tiers : 0;
 	struct stress_figure figure = {
 		.group = "invariants",
-		.precision = dvsm_precision_name(precision),
+		.precision = dvsm_precision_name(befores->precision),
 		.what = "numbers that differ",
 		.judgement = STRESS_AT_MOST,
 	};
-	uint32_t masks[STRESS_TIERS];
-	size_t tiers = precision == DVSM_PRECISION_FIXED ? stress_tiers(precision, masks) : 0;
 
 	for (size_t i = 0; i < 4 + tiers; i++) {
 		static const uint32_t threads[] = {1, 2, 3, 7};
 		const struct stress_way way = {
-			.precision = precision,
+			.precision = befores->precision,
 			.threads = i < 4 ? threads[i] : 1,
-			.cpu_mask = i < 4 ? 0 : masks[i - 4],
+			.cpu_mask = i < 4 ? 0 : befores->masks[i - 4],
 		};
 		char name[48];
 
@@ -240,23 +255,35 @@ static void check_bits(const struct stress_job *job, const struct stress_world *
 static void check_all(const struct stress_job *job, const struct stress_recipe *recipe,
 		      enum dvsm_precision precision)
 {
-	struct stress_world *world = stress_world_make(recipe);
-	const struct stress_way way = {.precision = precision, .threads = job->threads};
+	struct stress_recipe seeded = *recipe;
+	struct befores befores = {.precision = precision};
 	const struct stress_figure figure = {
 		.group = "invariants",
 		.name = recipe->name,
 		.precision = dvsm_precision_name(precision),
 		.what = "render",
 	};
-	struct stress_outcome before = run_or_fault(job, world, &way, &figure);
+	bool rendered = true;
 
-	if (before.status == DVSM_OK) {
-		check_bits(job, world, precision, before.picture);
-		check_changes(job, world, precision, before.picture);
-		check_doubled(job, world, precision, before.picture);
-		check_order(job, world, precision, before.picture);
+	seeded.seed = job->seed;
+
+	struct stress_world *world = stress_world_make(&seeded);
+
+	befores.tiers = stress_tiers(precision, befores.masks);
+	for (size_t t = 0; t < befores.tiers; t++) {
+		const struct stress_way way = {precision, befores.masks[t], job->threads};
+
+		befores.outcomes[t] = run_or_fault(job, world, &way, &figure);
+		rendered = rendered && befores.outcomes[t].status == DVSM_OK;
 	}
-	stress_outcome_deinit(&before);
+	if (rendered) {
+		check_bits(job, world, &befores);
+		check_changes(job, world, &befores);
+		check_doubled(job, world, &befores);
+		check_order(job, world, &befores);
+	}
+	for (size_t t = 0; t < befores.tiers; t++)
+		stress_outcome_deinit(&befores.outcomes[t]);
 	stress_world_free(world);
 }
 

@@ -15,6 +15,7 @@ static const char usage[] =
 	"  --quick            a minute at most: fewer sizes, a shorter loop\n"
 	"  --threads N        of each engine (2)\n"
 	"  --precision P      f32, bf16 or fixed alone (all that the build has)\n"
+	"  --seed N           of the random weights and noise (1, as the limits of extremes)\n"
 	"  --part NAME        extremes, growth, invariants or loop alone; may be repeated\n"
 	"  --out DIR          write stress.json and the plots there\n";
 
@@ -57,9 +58,9 @@ static struct stress_job parse(int argc, char **argv, struct wish *wish)
 	static const struct option options[] = {
 		{"quick", 0, NULL, 'q'},     {"threads", 1, NULL, 't'}, {"part", 1, NULL, 'p'},
 		{"precision", 1, NULL, 'n'}, {"out", 1, NULL, 'o'},     {"help", 0, NULL, 'h'},
-		{NULL, 0, NULL, 0},
+		{"seed", 1, NULL, 's'},      {NULL, 0, NULL, 0},
 	};
-	struct stress_job job = {.threads = 2};
+	struct stress_job job = {.threads = 2, .seed = 1};
 	int option;
 
 	while ((option = getopt_long(argc, argv, "", options, NULL)) != -1) {
@@ -69,6 +70,9 @@ static struct stress_job parse(int argc, char **argv, struct wish *wish)
 			break;
 		case 't':
 			job.threads = (uint32_t)strtoul(optarg, NULL, 10);
+			break;
+		case 's':
+			job.seed = strtoull(optarg, NULL, 0);
 			break;
 		case 'p':
 			choose_part(wish, optarg);

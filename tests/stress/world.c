@@ -9,9 +9,6 @@
 #include "support/files.h"
 #include "support/random_model.h"
 
-#define WEIGHTS_SEED  1u
-#define PICTURES_SEED 2u
-
 const struct stress_recipe stress_recipe_base = {
 	.name = "base",
 	.config = {.dim = 64,
@@ -47,7 +44,7 @@ static bool make_model(struct stress_world *world, struct dvsm_error *error)
 {
 	const struct stress_recipe *recipe = &world->recipe;
 	const char *name = recipe->model_path ? recipe->model_path : recipe->name;
-	struct support_random random = {WEIGHTS_SEED};
+	struct support_random random = {recipe->seed};
 	size_t size;
 	unsigned char *bytes = recipe->model_path
 				       ? support_read_file(recipe->model_path, &size)
@@ -105,7 +102,7 @@ static float colour(enum stress_picture picture, struct support_random *random, 
 static void paint(struct stress_world *world)
 {
 	const struct stress_recipe *recipe = &world->recipe;
-	struct support_random random = {PICTURES_SEED};
+	struct support_random random = {recipe->seed + 1};
 	size_t numbers = 0;
 
 	for (uint32_t v = 0; v < recipe->views; v++)

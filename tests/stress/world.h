@@ -38,6 +38,7 @@ struct stress_recipe {
 	double rig_amount;
 	const char *model_path; /* NULL: random weights */
 	uint32_t patch_px;      /* of both stages; 0: the model's */
+	uint64_t seed;          /* of random weights; that of pictures is one more */
 };
 
 /** D 64, 2 heads, 3 blocks, patch 8; 3 views of 48 x 48 pixels, 36 tokens each. */
@@ -112,7 +113,8 @@ struct stress_job {
 	struct stress_report *report;
 	const char *folder; /* for plots; NULL: draw none */
 	uint32_t threads;
-	bool quick; /* a minute at most */
+	uint64_t seed; /* of all recipes */
+	bool quick;    /* a minute at most */
 	enum dvsm_precision precisions[STRESS_PRECISIONS];
 	size_t precision_count;
 };
