@@ -166,7 +166,8 @@ static void close_camera(struct dio_camera_thread *thread)
 	set_hold_state(thread, thread->hold ? DIO_HOLD_SETTLING : DIO_HOLD_AUTOMATIC, false, NULL);
 }
 
-/* What a failure means to those who look on. */
+/* What a failure means to those who look on. A stalled stream stays one until a frame comes,
+ * however often the device is opened anew without one. */
 static enum dio_capture_state state_of_failure(const struct dio_camera_thread *thread,
 					       enum dio_status status)
 {
@@ -176,7 +177,9 @@ static enum dio_capture_state state_of_failure(const struct dio_camera_thread *t
 		return DIO_CAPTURE_UNPLUGGED;
 	case DIO_IO:
 	case DIO_AGAIN:
-		return thread->frames > 0 ? DIO_CAPTURE_STALLED : DIO_CAPTURE_REFUSED;
+		return thread->frames > 0 || thread->status.state == DIO_CAPTURE_STALLED
+			       ? DIO_CAPTURE_STALLED
+			       : DIO_CAPTURE_REFUSED;
 	default:
 		return DIO_CAPTURE_REFUSED;
 	}

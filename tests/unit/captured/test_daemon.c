@@ -106,6 +106,26 @@ static void every_trouble_is_a_state_and_passes(void **state)
 	}
 }
 
+static void a_driver_that_goes_on_reporting_errors_leaves_the_stream_stalled(void **state)
+{
+	struct daemon *daemon = *state;
+	uint32_t opened;
+
+	daemon_start(daemon, NULL);
+	daemon_read(daemon, DIO_RING_NEWEST);
+	daemon_await_state(daemon, DIO_CAPTURE_STREAMING, 5 * SECOND_NS);
+	opened = atomic_load(&daemon->script->opened);
+	script_set(daemon, SCRIPT_BROKEN);
+	/* The second time it is opened it has failed once without a frame. */
+	for (int64_t limit = monotonic_ns() + 10 * SECOND_NS;
+	     atomic_load(&daemon->script->opened) < opened + 2;) {
+		assert_true(monotonic_ns() < limit);
+		dio_ring_client_acquire(daemon->reader, &daemon->frame, SECOND_NS / 10,
+					&daemon->error);
+	}
+	daemon_await_state(daemon, DIO_CAPTURE_STALLED, 0);
+}
+
 static void a_camera_that_comes_later_or_never_delivered_is_waited_for(void **state)
 {
 	struct daemon *daemon = *state;
@@ -316,6 +336,7 @@ int main(void)
 		daemon_test(frames_reach_a_reader_in_order_and_bit_exact),
 		daemon_test(a_camera_that_is_pulled_out_twenty_times_is_back_within_two_seconds),
 		daemon_test(every_trouble_is_a_state_and_passes),
+		daemon_test(a_driver_that_goes_on_reporting_errors_leaves_the_stream_stalled),
 		daemon_test(a_camera_that_comes_later_or_never_delivered_is_waited_for),
 		daemon_test(a_camera_that_comes_back_with_another_size_goes_on),
 		daemon_test(readers_survive_a_daemon_that_is_killed_twenty_times),
