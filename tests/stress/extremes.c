@@ -24,10 +24,20 @@ struct limits {
 	}
 
 /* Three channels decide all there is. Fixed keeps them turned, spread over many numbers of int8
- * where three would do: sqrt(3) times the error (engine/FIXED_POINT.md, section 2). */
+ * where three would do: sqrt(3) times the error (engine/FIXED_POINT.md, section 2). How much that
+ * comes to is up to the weights: 0.004 to 0.33 in a hundred draws, f32's error along with it. This
+ * is for the draw of seed 1, 0.0425 on every tier. */
 #define LIMITS_FEW_CHANNELS                                                                        \
 	{                                                                                          \
-		2e-6, 2e-2, 5e-2                                                                   \
+		2e-6, 2e-2, 4.7e-2                                                                 \
+	}
+
+/* Rays that are all but parallel: tokens are alike, a product's sum rounds the same way in each of
+ * them and nothing averages. The shipped model's f32 comes to 6.5e-6 at worst, of 40 focal lengths
+ * on every tier. */
+#define LIMITS_ALIKE                                                                               \
+	{                                                                                          \
+		1e-5, 2e-2, 3e-2                                                                   \
 	}
 
 /* Colours of thousands, of which only those below 100 count: small ones beside large ones. */
@@ -119,7 +129,7 @@ static const struct extreme extremes[] = {
 	RIG("cameras 4e-9 apart", stress_rig_one_place, 4e-9, LIMITS_USUAL),
 	RIG("one camera thrice", stress_rig_one_camera, 0, LIMITS_USUAL),
 	RIG("bent rotations", stress_rig_bent, 4e-4, LIMITS_USUAL),
-	RIG("focal length 1e5 widths", stress_rig_long_lens, 1e5, LIMITS_USUAL),
+	RIG("focal length 1e5 widths", stress_rig_long_lens, 1e5, LIMITS_ALIKE),
 	RIG("focal length 1e-5 widths", stress_rig_long_lens, 1e-5, LIMITS_USUAL),
 	RIG("principal point 1e5 widths off", stress_rig_shifted_lens, 1e5, LIMITS_USUAL),
 	RIG("slivers", stress_rig_slivers, 0, LIMITS_USUAL),
@@ -269,6 +279,7 @@ static void check_extreme(const struct stress_job *job, const struct extreme *ex
 
 	snprintf(name, sizeof(name), "%s%s", base->model_path ? "shipped, " : "", extreme->name);
 	recipe.name = name;
+	recipe.seed = job->seed;
 
 	struct stress_world *world = stress_world_make(&recipe);
 
@@ -330,6 +341,7 @@ static void climb(const struct stress_job *job, const struct ladder *ladder,
 	double highest = 0;
 
 	recipe.name = ladder->name;
+	recipe.seed = job->seed;
 	recipe.twist = ladder->twist;
 	for (double power = 0; power <= 36; power += job->quick ? 4 : 1) {
 		recipe.twist_amount = pow(10, power);
