@@ -32,13 +32,16 @@
 #define DVSM_FIXED_KEYS 128u
 
 /**
- * Scores that there is room for between attention's two passes, of 64 queries with 1024 keys, or of
- * 8 with 8192; where there are more, or a tier keeps fewer, they are made twice.
+ * Words of scores that there is room for between attention's two passes, of 64 queries with 2048
+ * keys, or of 8 with 16,384; where there are more they are made twice.
  */
-#define DVSM_FIXED_SCORES 66560u
+#define DVSM_FIXED_SCORES 133120u
 
 /** Packed keys and values of a layer are filled up with zeros to a multiple of this. */
 #define DVSM_FIXED_KEY_PAD 64u
+
+/** Bytes behind a head's packed keys that attention may read, without minding what they are. */
+#define DVSM_FIXED_BEHIND_KEYS 1024u
 
 /** Most queries that one attention call takes. */
 #define DVSM_FIXED_QUERIES 64u
@@ -249,12 +252,11 @@ struct dvsm_fixed_pack {
 typedef void dvsm_fixed_pack_fn(const struct dvsm_fixed_pack *job);
 
 /**
- * One head's attention for up to DVSM_FIXED_QUERIES queries. Per query, with s[key] = sum over d of
- * q k and top = max s over all keys:
+ * One head's attention for up to DVSM_FIXED_QUERIES queries. Per query, with the words s[key] =
+ * (sum over d of q k) >> dvsm_fixed_score_shift(head_width), top = max s over all keys, and factor
+ * and fraction of dvsm_fixed_slope_make():
  *
- *   exponent of q_scale gives down = max(0, -exponent - 26) and up = max(0, exponent + 26), both at
- *   most 31 and 15; factor = 2 mantissa
- *   p[key] = dvsm_fixed_exp2(min((top - s) >> down, 65535) factor >> 16, up), 0..23150
+ *   p[key] = dvsm_fixed_exp2((top - s) factor >> 16, fraction), 0..23150
  *   O[d]   = sum of p v, sum = sum of p: exact, whatever the order
  *   out[d] = mean[d] + R(O'[d] inverse v_m[d], shift) saturated, where O', which has 24 bits below
  *   the sum's highest, inverse and shift are those of dvsm_fixed_divide()
@@ -267,7 +269,8 @@ struct dvsm_fixed_attention {
 	const struct dvsm_fixed_scale *q_scale; /* scale_stride apart */
 	size_t scale_stride;
 	size_t queries;  /* 0..DVSM_FIXED_QUERIES */
-	const int8_t *k; /* packed keys, 64-byte aligned; padded keys are readable */
+	const int8_t *k; /* packed keys, 64-byte aligned; padded ones are readable, and so are
+			  * DVSM_FIXED_BEHIND_KEYS */
 	const int8_t *v; /* packed values, likewise; padded keys are 0 */
 	size_t keys;     /* below 2^31 */
 	size_t dim, head_width;
@@ -291,7 +294,7 @@ static inline size_t dvsm_fixed_tile_keys(const struct dvsm_fixed_attention *job
  */
 static inline size_t dvsm_fixed_scores_stride(size_t keys)
 {
-	return dvsm_fixed_pad(keys, DVSM_FIXED_KEYS) + DVSM_FIXED_PANEL;
+	return dvsm_fixed_pad(keys, DVSM_FIXED_KEYS) + 2 * DVSM_FIXED_PANEL;
 }
 
 /** Whether the scores of `queries` for all keys fit the scratch. */
@@ -303,8 +306,8 @@ static inline bool dvsm_fixed_scores_fit(size_t queries, size_t keys)
 /** Scores, both planes of p for a tile, accumulators of two widths, a few numbers a query. */
 static inline size_t dvsm_fixed_attention_scratch(size_t head_width)
 {
-	return DVSM_FIXED_SCORES * sizeof(int32_t) +
-	       DVSM_FIXED_QUERIES * (DVSM_FIXED_KEYS * 2 + head_width * 16 + 64);
+	return DVSM_FIXED_SCORES * sizeof(int16_t) +
+	       DVSM_FIXED_QUERIES * (DVSM_FIXED_KEYS * 2 + head_width * 16 + 320);
 }
 
 /** One set of kernels. A tier leaves NULL what the tiers below it do as well. */

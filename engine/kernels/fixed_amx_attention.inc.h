@@ -1,26 +1,40 @@
 /*
  * Template: fixed-point attention of AMX, included by fixed_amx.c.
  *
- * Sixteen queries are the rows of a tile, a group. Its keys come in spans, of which scores and
- * weights stay in the first-level cache: a tile that is stored beyond it takes three times as long.
- * So where keys are more than a span, their scores are made twice, for the largest and for the
- * sums. Keys and values, which a group meets once, pass by that cache. Stages follow each other: a
- * tile that is stored keeps the processor's front busy for as long as a product takes, and there is
- * little to be had from the vectors' and the tiles' units at the same time.
+ * Sixteen queries are the rows of a tile, a group. It passes over the keys twice, 64 at a time, a
+ * block: for the scores, of which it keeps words and the largest, and for their weights and values.
+ * The words of a block are made while the scores of the next are on their way; the processor looks
+ * ahead a few rows only, so tiles and rows take turns. Weights and values do not: there is nothing
+ * to be had from both units at once, which share a port and slow the clock.
+ *
+ * A tile that is stored keeps the processor's front busy for as long as a product takes, three
+ * times as long where it is not in the first-level cache: scores are stored once, where they are
+ * read soon. Keys and values, which a group meets once, pass by that cache.
  */
-#define SCORE_STEP  TILE
-#define WEIGHT_STEP DEPTH
-
 #include "kernels/fixed_avx512_lanes.h"
-#include "kernels/fixed_avx512_softmax.inc.h"
+#include "kernels/fixed_avx512_softmax.h"
 
 /* Up to here the sums of weighted values fit 32 bits. */
 #define MOST_KEYS 65536u
 
-/* Keys of a span, and the numbers from a query's scores and weights to those of the next. */
-#define SPAN          ((size_t)256)
-#define SCORES_STRIDE (SPAN + TILE)
-#define PLANE_STRIDE  (SPAN + DEPTH)
+/* Keys of a block; what a group has of it: scores and their words, a plane of weights. */
+#define KEYS         DEPTH
+#define BLOCK_SCORES ((size_t)KEYS * TILE)
+
+/* Blocks whose weights are there before their values come: both planes stay in the first cache. */
+#define SPAN ((size_t)8)
+
+/* Blocks whose words are kept between the passes, and stay in the second-level cache. */
+#define KEPT ((size_t)128)
+
+/*
+ * Where there are more, words are made twice, and all groups of a call pass over so many blocks
+ * before any goes on, whose keys and values stay in that cache meanwhile.
+ */
+#define CHUNK ((size_t)32)
+
+/* Groups of a call. */
+#define GROUPS (DVSM_FIXED_QUERIES / TILE)
 
 /* Sums of a pair: two groups of channels with both planes, which four tiles hold. */
 #define PAIR_SUMS (4 * TILE * TILE)
@@ -28,37 +42,84 @@
 /* A group of queries on its way; the arrays lie in the caller's scratch. */
 struct group {
 	const struct dvsm_fixed_attention *job;
-	size_t width;        /* of the head */
-	size_t slices;       /* of the head, DEPTH each */
-	size_t pairs;        /* of sixteen channels */
-	int8_t *q;           /* [slices][TILE][DEPTH], 0 beyond the head */
-	int32_t *scores;     /* [TILE][SCORES_STRIDE] of a span */
-	uint8_t *high, *low; /* [TILE][PLANE_STRIDE] planes of its weights */
-	int32_t *sums;       /* [pairs][2][2 planes][TILE queries][TILE channels] */
-	int32_t *tops;       /* [TILE][16] largest scores so far, by key modulo 16 */
-	int32_t *total;      /* [TILE][16] sums of weights, likewise */
+	size_t first;    /* query */
+	size_t width;    /* of the head */
+	size_t slices;   /* of the head, DEPTH each */
+	size_t pairs;    /* of groups of sixteen channels */
+	size_t blocks;   /* of all keys */
+	size_t chunk;    /* blocks that are passed over at a time */
+	int8_t *q;       /* [slices][TILE][DEPTH], 0 beyond the head */
+	int32_t *scores; /* [2 blocks][4][TILE queries][TILE keys] */
+	int16_t *words;  /* [KEPT][TILE][KEYS] */
+	uint8_t *planes; /* [SPAN][high, low][TILE][KEYS] of weights */
+	int32_t *sums;   /* [pairs][2][high, low][TILE queries][TILE channels] */
+	int32_t *tops;   /* [TILE][16] largest words so far, by key modulo 32 */
+	int32_t *total;  /* [TILE][16] sums of weights, likewise */
 	struct slope slopes[TILE];
-	int32_t top[TILE]; /* largest scores over all keys */
 };
 
-/* Keys from `key` on. */
-struct span {
-	size_t key, count;
-	size_t padded; /* with those that fill the last block up */
+/* Blocks from `from` to before `to`. */
+struct range {
+	size_t from, to;
 };
 
-static inline struct span span_at(const struct group *group, size_t key)
+static inline struct range range_at(size_t from, size_t most, size_t end)
 {
-	const size_t left = group->job->keys - key, count = left < SPAN ? left : SPAN;
+	return (struct range){from, end - from < most ? end : from + most};
+}
 
-	return (struct span){key, count, dvsm_fixed_pad(count, DVSM_FIXED_KEY_PAD)};
+static inline const int8_t *keys_at(const struct group *group, size_t block)
+{
+	return group->job->k + block * KEYS * group->width;
+}
+
+static inline int32_t *scores_at(const struct group *group, size_t block)
+{
+	return group->scores + block % 2 * BLOCK_SCORES;
+}
+
+static inline int16_t *words_at(const struct group *group, size_t block)
+{
+	return group->words + block % KEPT * BLOCK_SCORES;
+}
+
+static inline uint8_t *planes_at(const struct group *group, size_t block)
+{
+	return group->planes + block % SPAN * (2 * BLOCK_SCORES);
+}
+
+/* Keys of a block, KEYS but for the last. */
+static inline size_t block_keys(const struct group *group, size_t block)
+{
+	const size_t left = group->job->keys - block * KEYS;
+
+	return left < KEYS ? left : KEYS;
+}
+
+static inline const int8_t *values_at(const struct group *group, size_t block)
+{
+	return group->job->v + block * KEYS * group->width;
+}
+
+/*
+ * Query i's share of what comes a chunk later, or in the next head, which lies behind this one as a
+ * rule: to the second-level cache. What is not there does no harm.
+ */
+static inline void call_ahead(const struct group *group, const int8_t *from, size_t i)
+{
+	const size_t bytes = KEYS * group->width / DVSM_FIXED_QUERIES;
+
+	from += group->chunk * KEYS * group->width + (group->first + i) * bytes;
+	for (size_t at = 0; at < bytes; at += 64)
+		_mm_prefetch(from + at, _MM_HINT_T1);
 }
 
 /* ---- scores ---- */
 
 /*
  * A head of more than a slice is cut into whole ones; the last of them reaches back to numbers that
- * the one before has, where its queries are 0. A shorter head makes the tiles smaller.
+ * the one before has, where its queries are 0. A tile of a shorter head reaches ahead to other
+ * keys, where its queries are 0 too.
  */
 static inline size_t slice_start(size_t width, size_t slice)
 {
@@ -67,26 +128,16 @@ static inline size_t slice_start(size_t width, size_t slice)
 	return (slice + 1) * DEPTH <= width ? slice * DEPTH : width - DEPTH;
 }
 
-/* Scores take queries from tile 7 and keys from tile 6: these a short head makes smaller. */
-static void open_tiles(const struct group *group, bool scores)
+/* Query i of a group; the last one fills up. */
+static inline size_t query_at(const struct group *group, size_t i)
 {
-	struct amx_config config = amx_whole_tiles();
+	const size_t last = group->job->queries - 1;
 
-	if (scores && group->width < DEPTH) {
-		config.row_bytes[7] = (uint16_t)group->width;
-		config.rows[6] = (uint8_t)(group->width / 4);
-	}
-	amx_open(&config);
-}
-
-/* Query i of those from `first` on; the last one fills up. */
-static inline size_t query_at(const struct group *group, size_t first, size_t i)
-{
-	return first + i < group->job->queries ? first + i : group->job->queries - 1;
+	return group->first + i < last ? group->first + i : last;
 }
 
 /* Queries to whole tiles. */
-static void gather_queries(const struct group *group, size_t first)
+static void gather_queries(const struct group *group)
 {
 	const struct dvsm_fixed_attention *job = group->job;
 	int8_t *to = group->q;
@@ -95,51 +146,218 @@ static void gather_queries(const struct group *group, size_t first)
 		const size_t start = slice_start(group->width, slice), done = slice * DEPTH;
 		const size_t left = group->width - done, bytes = left < DEPTH ? left : DEPTH;
 
-		memset(to, 0, (size_t)TILE * DEPTH);
+		if (bytes < DEPTH)
+			memset(to, 0, (size_t)TILE * DEPTH);
 		for (size_t i = 0; i < TILE; i++) {
-			const int8_t *q = job->q + query_at(group, first, i) * job->q_stride;
+			const int8_t *q = job->q + query_at(group, i) * job->q_stride;
 
 			memcpy(to + i * DEPTH + (done - start), q + done, bytes);
 		}
 	}
 }
 
-/* Four groups of keys at a time. */
-static void score(const struct group *group, const struct span *span)
-{
-	const size_t key_bytes = TILE * group->width;
-	const size_t stride = SCORES_STRIDE * sizeof(int32_t);
-	const int8_t *k = group->job->k + span->key * group->width;
-	int32_t *scores = group->scores;
+/* Scores of sixteen keys to a tile; queries of a single slice wait in tile 5. */
+#define SCORE_TILE(tile, group, k)                                                                 \
+	do {                                                                                       \
+		AMX_ZERO(tile);                                                                    \
+		if ((group)->slices == 1) {                                                        \
+			AMX_STREAM(6, k, 64);                                                      \
+			AMX_DOT_SIGNED(tile, 5, 6);                                                \
+		}                                                                                  \
+		for (size_t slice = 0; (group)->slices > 1 && slice < (group)->slices; slice++) {  \
+			AMX_LOAD(5, (group)->q + slice * TILE * DEPTH, DEPTH);                     \
+			AMX_STREAM(6, (k) + slice_start((group)->width, slice) * TILE, 64);        \
+			AMX_DOT_SIGNED(tile, 5, 6);                                                \
+		}                                                                                  \
+	} while (0)
 
-	AMX_LOAD(7, group->q, DEPTH);
-	for (size_t key = 0; key < span->padded; key += 4 * TILE) {
+/* Words of four rows of a block's scores, and the largest of all so far. */
+DVSM_INLINE void keep_words(const struct group *group, size_t block, const size_t first,
+			    __m512i shift, const __mmask32 lanes[2], __m512i tops[TILE])
+{
+	const int32_t *scores = scores_at(group, block);
+	int16_t *words = words_at(group, block);
+
+	DVSM_UNROLL
+	for (size_t i = first; i < first + 4; i++) {
+		DVSM_UNROLL
+		for (size_t half = 0; half < 2; half++) {
+			const int32_t *from = scores + (2 * half * TILE + i) * TILE;
+			const __m512i made =
+				score_words(_mm512_load_si512(from),
+					    _mm512_load_si512(from + TILE * TILE), shift);
+
+			tops[i] = _mm512_mask_max_epi16(tops[i], lanes[half], tops[i], made);
+			_mm512_store_si512(words + i * KEYS + half * 32, made);
+		}
+	}
+}
+
+/* Makes the words of a block, and the scores of the next one where `ahead`. */
+DVSM_INLINE void word_step(const struct group *group, size_t block, bool ahead, __m512i shift,
+			   __m512i tops[TILE])
+{
+	const size_t key_bytes = TILE * group->width, count = block_keys(group, block);
+	const __mmask32 lanes[2] = {word_lanes(0, count), word_lanes(32, count)};
+	const int8_t *k = keys_at(group, block + 1);
+	int32_t *next = scores_at(group, block + 1);
+
+	for (size_t i = 0; i < TILE && group->chunk < group->blocks; i++)
+		call_ahead(group, keys_at(group, block), i);
+	if (ahead)
+		SCORE_TILE(0, group, k);
+	keep_words(group, block, 0, shift, lanes, tops);
+	if (ahead) {
+		SCORE_TILE(1, group, k + key_bytes);
+		AMX_STORE(0, next, 64);
+	}
+	keep_words(group, block, 4, shift, lanes, tops);
+	if (ahead) {
+		SCORE_TILE(2, group, k + 2 * key_bytes);
+		AMX_STORE(1, next + TILE * TILE, 64);
+	}
+	keep_words(group, block, 8, shift, lanes, tops);
+	if (ahead) {
+		SCORE_TILE(3, group, k + 3 * key_bytes);
+		AMX_STORE(2, next + 2 * TILE * TILE, 64);
+	}
+	keep_words(group, block, 12, shift, lanes, tops);
+	if (ahead)
+		AMX_STORE(3, next + 3 * TILE * TILE, 64);
+}
+
+static void make_words(const struct group *group, struct range range)
+{
+	const __m512i shift =
+		keep(_mm512_set1_epi32(dvsm_fixed_score_shift(group->job->head_width)));
+	const size_t key_bytes = TILE * group->width;
+	const int8_t *k = keys_at(group, range.from);
+	int32_t *scores = scores_at(group, range.from);
+	__m512i tops[TILE];
+
+	DVSM_UNROLL
+	for (size_t i = 0; i < TILE; i++)
+		tops[i] = _mm512_load_si512(group->tops + i * 16);
+	AMX_LOAD(5, group->q, DEPTH);
+	SCORE_TILE(0, group, k);
+	SCORE_TILE(1, group, k + key_bytes);
+	SCORE_TILE(2, group, k + 2 * key_bytes);
+	SCORE_TILE(3, group, k + 3 * key_bytes);
+	AMX_STORE(0, scores, 64);
+	AMX_STORE(1, scores + TILE * TILE, 64);
+	AMX_STORE(2, scores + 2 * TILE * TILE, 64);
+	AMX_STORE(3, scores + 3 * TILE * TILE, 64);
+	for (size_t block = range.from; block < range.to; block++)
+		word_step(group, block, block + 1 < range.to, shift, tops);
+	DVSM_UNROLL
+	for (size_t i = 0; i < TILE; i++)
+		_mm512_store_si512(group->tops + i * 16, tops[i]);
+}
+
+/* ---- weights and values ---- */
+
+static inline void open_sums(const int32_t *sums, bool begin)
+{
+	if (begin) {
 		AMX_ZERO(0);
 		AMX_ZERO(1);
 		AMX_ZERO(2);
 		AMX_ZERO(3);
-		for (size_t slice = 0; slice < group->slices; slice++) {
-			const int8_t *from = k + slice_start(group->width, slice) * TILE;
+		return;
+	}
+	AMX_LOAD(0, sums, 64);
+	AMX_LOAD(1, sums + TILE * TILE, 64);
+	AMX_LOAD(2, sums + 2 * TILE * TILE, 64);
+	AMX_LOAD(3, sums + 3 * TILE * TILE, 64);
+}
 
-			if (group->slices > 1)
-				AMX_LOAD(7, group->q + slice * TILE * DEPTH, DEPTH);
-			AMX_STREAM(6, from, 64);
-			AMX_DOT_SIGNED(0, 7, 6);
-			AMX_STREAM(6, from + key_bytes, 64);
-			AMX_DOT_SIGNED(1, 7, 6);
-			AMX_STREAM(6, from + 2 * key_bytes, 64);
-			AMX_DOT_SIGNED(2, 7, 6);
-			AMX_STREAM(6, from + 3 * key_bytes, 64);
-			AMX_DOT_SIGNED(3, 7, 6);
-		}
-		AMX_STORE(0, scores, stride);
-		AMX_STORE(1, scores + TILE, stride);
-		AMX_STORE(2, scores + 2 * TILE, stride);
-		AMX_STORE(3, scores + 3 * TILE, stride);
-		scores += 4 * TILE;
-		k += 4 * key_bytes;
+static inline void close_sums(int32_t *sums)
+{
+	AMX_STORE(0, sums, 64);
+	AMX_STORE(1, sums + TILE * TILE, 64);
+	AMX_STORE(2, sums + 2 * TILE * TILE, 64);
+	AMX_STORE(3, sums + 3 * TILE * TILE, 64);
+}
+
+/* A block's weights times its values of two groups of channels, of which one may be all. */
+static inline void mix_block(const struct group *group, size_t block, size_t pair)
+{
+	const uint8_t *planes = planes_at(group, block);
+	const size_t stride = 4 * group->width;
+	const int8_t *v = values_at(group, block) + pair * 8 * TILE;
+
+	AMX_LOAD(4, planes, KEYS);
+	AMX_STREAM(6, v, stride);
+	AMX_DOT_UNSIGNED(0, 4, 6);
+	AMX_LOAD(5, planes + BLOCK_SCORES, KEYS);
+	AMX_DOT_UNSIGNED(1, 5, 6);
+	if ((pair + 1) * 2 * TILE <= group->width) {
+		AMX_STREAM(7, v + 64, stride);
+		AMX_DOT_UNSIGNED(2, 4, 7);
+		AMX_DOT_UNSIGNED(3, 5, 7);
 	}
 }
+
+static void mix_span(const struct group *group, struct range range)
+{
+	amx_publish();
+	for (size_t pair = 0; pair < group->pairs; pair++) {
+		int32_t *sums = group->sums + pair * PAIR_SUMS;
+
+		open_sums(sums, range.from == 0);
+		for (size_t block = range.from; block < range.to; block++)
+			mix_block(group, block, pair);
+		close_sums(sums);
+	}
+}
+
+/* A block's words to planes of weights, and the sums of these. */
+DVSM_INLINE void weigh_block(const struct group *group, const struct softmax_lanes *lanes,
+			     size_t block, size_t count)
+{
+	const int8_t *k = keys_at(group, block), *v = values_at(group, block);
+	const int16_t *words = words_at(group, block);
+	uint8_t *high = planes_at(group, block);
+	int32_t *total = group->total;
+
+	for (size_t i = 0; i < TILE; i++) {
+		call_ahead(group, k, i);
+		call_ahead(group, v, i);
+		_mm512_store_si512(total, weigh_keys(lanes, &group->slopes[i], words, high,
+						     high + BLOCK_SCORES, count,
+						     _mm512_load_si512(total)));
+		words += KEYS;
+		high += KEYS;
+		total += 16;
+	}
+}
+
+static void weigh_span(const struct group *group, struct range range)
+{
+	const struct softmax_lanes lanes = softmax_lanes_make();
+
+	for (size_t block = range.from; block < range.to; block++) {
+		const size_t count = block_keys(group, block);
+
+		AMX_KEEP_AWAKE(0, 4, 5);
+		if (count == KEYS)
+			weigh_block(group, &lanes, block, KEYS);
+		else
+			weigh_block(group, &lanes, block, count);
+	}
+}
+
+static void weigh_and_mix(const struct group *group, struct range range)
+{
+	for (size_t block = range.from; block < range.to; block += SPAN) {
+		const struct range span = range_at(block, SPAN, range.to);
+
+		weigh_span(group, span);
+		mix_span(group, span);
+	}
+}
+
+/* ---- the call ---- */
 
 /* Sixteen rows of as many numbers, each to one. */
 DVSM_INLINE __m512i fold_numbers(const int32_t *numbers, combine_fn *combine)
@@ -152,122 +370,10 @@ DVSM_INLINE __m512i fold_numbers(const int32_t *numbers, combine_fn *combine)
 	return fold_rows(rows, combine);
 }
 
-/* The largest scores of a span among those of all. */
-static void raise_tops(const struct group *group, const struct span *span)
-{
-	for (size_t i = 0; i < TILE; i++) {
-		int32_t *top = group->tops + i * 16;
-		__m512i largest = largest_lanes(group->scores + i * SCORES_STRIDE, span->count);
-
-		if (span->key > 0)
-			largest = _mm512_max_epi32(largest, _mm512_load_si512(top));
-		_mm512_store_si512(top, largest);
-	}
-}
-
-static void find_tops(struct group *group)
-{
-	for (size_t key = 0; key < group->job->keys; key += SPAN) {
-		const struct span span = span_at(group, key);
-
-		score(group, &span);
-		raise_tops(group, &span);
-	}
-	_mm512_storeu_si512(group->top, fold_numbers(group->tops, max_s32));
-}
-
-/* ---- weights and values ---- */
-
-/* Bytes of a head's keys, up to which those of two heads and their values share a cache. */
-#define MOST_CALLED ((size_t)256 << 10)
-
-/*
- * Behind the keys and values of a head lie those of the next, as a rule, which comes next: each
- * query calls its share of a span to the second-level cache. What is not there does no harm.
- */
-static inline void call_ahead(const struct group *group, const struct span *span, size_t query)
-{
-	const size_t head = dvsm_fixed_pad(group->job->keys, DVSM_FIXED_KEY_PAD) * group->width;
-	const size_t share = span->padded * group->width / DVSM_FIXED_QUERIES;
-	const size_t at = head + span->key * group->width + query * share;
-
-	for (size_t i = 0; head <= MOST_CALLED && i < share; i += 64) {
-		_mm_prefetch(group->job->k + at + i, _MM_HINT_T1);
-		_mm_prefetch(group->job->v + at + i, _MM_HINT_T1);
-	}
-}
-
-/* A span's scores to planes of weights, and the sums of these. */
-static void weigh(const struct group *group, const struct span *span, size_t first)
-{
-	for (size_t i = 0; i < TILE; i++) {
-		int32_t *total = group->total + i * 16;
-		__m512i sums;
-
-		AMX_KEEP_AWAKE(0, 4, 5);
-		call_ahead(group, span, first + i);
-		sums = weigh_scores(
-			&group->slopes[i], group->top[i], group->scores + i * SCORES_STRIDE,
-			group->high + i * PLANE_STRIDE, group->low + i * PLANE_STRIDE, span->count);
-		if (span->key > 0)
-			sums = _mm512_add_epi32(sums, _mm512_load_si512(total));
-		_mm512_store_si512(total, sums);
-	}
-}
-
-/* A span's weights times its values of a pair of groups of channels, of which one may be all. */
-DVSM_INLINE void mix_pair(const struct group *group, const struct span *span, size_t pair,
-			  const bool two)
-{
-	const size_t stride = 4 * group->width;
-	const int8_t *v = group->job->v + span->key * group->width + pair * 8 * TILE;
-	int32_t *sums = group->sums + pair * PAIR_SUMS;
-
-	if (span->key == 0) {
-		AMX_ZERO(0);
-		AMX_ZERO(1);
-		AMX_ZERO(2);
-		AMX_ZERO(3);
-	} else {
-		AMX_LOAD(0, sums, 64);
-		AMX_LOAD(1, sums + TILE * TILE, 64);
-		AMX_LOAD(2, sums + 2 * TILE * TILE, 64);
-		AMX_LOAD(3, sums + 3 * TILE * TILE, 64);
-	}
-	for (size_t key = 0; key < span->count; key += DEPTH, v += DEPTH * group->width) {
-		AMX_LOAD(4, group->high + key, PLANE_STRIDE);
-		AMX_STREAM(6, v, stride);
-		AMX_DOT_UNSIGNED(0, 4, 6);
-		AMX_LOAD(5, group->low + key, PLANE_STRIDE);
-		AMX_DOT_UNSIGNED(1, 5, 6);
-		if (two) {
-			AMX_STREAM(7, v + 64, stride);
-			AMX_DOT_UNSIGNED(2, 4, 7);
-			AMX_DOT_UNSIGNED(3, 5, 7);
-		}
-	}
-	AMX_STORE(0, sums, 64);
-	AMX_STORE(1, sums + TILE * TILE, 64);
-	AMX_STORE(2, sums + 2 * TILE * TILE, 64);
-	AMX_STORE(3, sums + 3 * TILE * TILE, 64);
-}
-
-static void mix(const struct group *group, const struct span *span)
-{
-	size_t pair = 0;
-
-	for (; (pair + 1) * 2 * TILE <= group->width; pair++)
-		mix_pair(group, span, pair, true);
-	if (pair < group->pairs)
-		mix_pair(group, span, pair, false);
-}
-
-/* ---- the call ---- */
-
-static void write_out(const struct group *group, size_t first)
+static void write_out(const struct group *group)
 {
 	const struct dvsm_fixed_attention *job = group->job;
-	const size_t left = job->queries - first, count = left < TILE ? left : TILE;
+	const size_t left = job->queries - group->first, count = left < TILE ? left : TILE;
 	int32_t total[TILE];
 	struct dvsm_fixed_quotient quotients[TILE];
 
@@ -277,42 +383,12 @@ static void write_out(const struct group *group, size_t first)
 	for (size_t d = 0; d < job->dim; d += TILE) {
 		const struct channels channels = load_channels(job, d);
 		const int32_t *sums = group->sums + d / TILE * (PAIR_SUMS / 2);
-		int16_t *out = job->out + first * job->out_stride + d;
+		int16_t *out = job->out + group->first * job->out_stride + d;
 
 		for (size_t i = 0; i < count; i++, sums += TILE, out += job->out_stride)
 			write_channels(&channels, quotients[i], _mm512_load_si512(sums),
 				       _mm512_load_si512(sums + TILE * TILE), out);
 	}
-}
-
-/* Queries `first` and on, sixteen at most. */
-static void attend(struct group *group, size_t first)
-{
-	const struct dvsm_fixed_attention *job = group->job;
-	const bool reshaped = group->width < DEPTH;
-
-	for (size_t i = 0; i < TILE; i++) {
-		const size_t at = query_at(group, first, i) * job->scale_stride;
-
-		group->slopes[i] = slope_make(job->q_scale[at]);
-	}
-	gather_queries(group, first);
-	open_tiles(group, true);
-	find_tops(group);
-	for (size_t key = 0; key < job->keys; key += SPAN) {
-		const struct span span = span_at(group, key);
-
-		if (key > 0 && reshaped)
-			open_tiles(group, true);
-		if (job->keys > SPAN)
-			score(group, &span);
-		weigh(group, &span, first);
-		if (reshaped)
-			open_tiles(group, false);
-		amx_publish();
-		mix(group, &span);
-	}
-	write_out(group, first);
 }
 
 static void *take(unsigned char **at, size_t bytes)
@@ -323,37 +399,98 @@ static void *take(unsigned char **at, size_t bytes)
 	return taken;
 }
 
-/* Places in the caller's scratch. */
-static void place(struct group *group)
+/* A group, the `index`th of those on their way, and its places in the caller's scratch, of which
+ * what it has of blocks is everyone's. */
+static void start(const struct dvsm_fixed_attention *job, size_t first, size_t index,
+		  struct group *group)
 {
-	unsigned char *at = group->job->scratch;
+	const size_t blocks = dvsm_fixed_pad(job->keys, KEYS) / KEYS;
+	const size_t slices = dvsm_fixed_pad(job->head_width, DEPTH) / DEPTH;
+	const size_t pairs = dvsm_fixed_pad(job->head_width, 2 * TILE) / (2 * TILE);
+	const size_t tops = TILE * 16 * sizeof(int32_t);
+	unsigned char *at = job->scratch;
 
-	group->scores = take(&at, TILE * SCORES_STRIDE * sizeof(int32_t));
-	group->high = take(&at, TILE * PLANE_STRIDE);
-	group->low = take(&at, TILE * PLANE_STRIDE);
-	group->q = take(&at, group->slices * TILE * DEPTH);
-	group->tops = take(&at, TILE * 16 * sizeof(int32_t));
-	group->total = take(&at, TILE * 16 * sizeof(int32_t));
-	group->sums = take(&at, group->pairs * PAIR_SUMS * sizeof(int32_t));
+	*group = (struct group){
+		.job = job,
+		.first = first,
+		.width = job->head_width,
+		.slices = slices,
+		.pairs = pairs,
+		.blocks = blocks,
+		.chunk = blocks > KEPT ? CHUNK : blocks,
+		.words = take(&at, KEPT * BLOCK_SCORES * sizeof(int16_t)),
+		.scores = take(&at, 2 * BLOCK_SCORES * sizeof(int32_t)),
+		.planes = take(&at, SPAN * 2 * BLOCK_SCORES),
+	};
+	at += index * (slices * TILE * DEPTH + 2 * tops + pairs * PAIR_SUMS * sizeof(int32_t));
+	group->q = take(&at, slices * TILE * DEPTH);
+	group->tops = take(&at, tops);
+	group->total = take(&at, tops);
+	group->sums = take(&at, pairs * PAIR_SUMS * sizeof(int32_t));
+	for (size_t i = 0; i < TILE; i++) {
+		group->slopes[i] = slope_make(job->q_scale[query_at(group, i) * job->scale_stride],
+					      job->head_width);
+		_mm512_store_si512(group->tops + i * 16, _mm512_set1_epi16(INT16_MIN));
+		_mm512_store_si512(group->total + i * 16, _mm512_setzero_si512());
+	}
+	gather_queries(group);
+	amx_publish();
+}
+
+/* Each row of words to its largest. */
+static void settle_tops(struct group *group)
+{
+	__m512i rows[TILE];
+	int32_t tops[TILE];
+
+	DVSM_UNROLL
+	for (size_t i = 0; i < TILE; i++)
+		rows[i] = larger_words(_mm512_load_si512(group->tops + i * 16));
+	_mm512_storeu_si512(tops, fold_rows(rows, max_s32));
+	for (size_t i = 0; i < TILE; i++)
+		group->slopes[i].top = twice(tops[i]);
+}
+
+static void attend(struct group *groups, size_t count)
+{
+	const size_t blocks = groups->blocks, step = groups->chunk;
+
+	for (size_t block = 0; block < blocks; block += step)
+		for (size_t i = 0; i < count; i++)
+			make_words(&groups[i], range_at(block, step, blocks));
+	for (size_t i = 0; i < count; i++)
+		settle_tops(&groups[i]);
+	for (size_t block = 0; block < blocks; block += step) {
+		const struct range range = range_at(block, step, blocks);
+
+		for (size_t i = 0; i < count; i++) {
+			if (blocks > step)
+				make_words(&groups[i], range);
+			weigh_and_mix(&groups[i], range);
+		}
+	}
+	for (size_t i = 0; i < count; i++)
+		write_out(&groups[i]);
 }
 
 static void attention(const struct dvsm_fixed_attention *job)
 {
-	struct group group = {
-		.job = job,
-		.width = job->head_width,
-		.slices = dvsm_fixed_pad(job->head_width, DEPTH) / DEPTH,
-		.pairs = dvsm_fixed_pad(job->head_width, 2 * TILE) / (2 * TILE),
-	};
+	const struct amx_config config = amx_whole_tiles();
+	const size_t together = job->keys > KEPT * KEYS ? GROUPS : 1;
+	struct group groups[GROUPS];
+	size_t first = 0;
 
 	if (job->keys == 0 || job->keys > MOST_KEYS) {
 		dvsm_fixed_kernels_scalar.attention(job);
 		return;
 	}
-	if (job->queries == 0)
-		return;
-	place(&group);
-	for (size_t first = 0; first < job->queries; first += TILE)
-		attend(&group, first);
+	amx_open(&config);
+	while (first < job->queries) {
+		size_t count = 0;
+
+		for (; count < together && first < job->queries; count++, first += TILE)
+			start(job, first, count, &groups[count]);
+		attend(groups, count);
+	}
 	amx_close();
 }

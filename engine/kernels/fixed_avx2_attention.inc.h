@@ -11,10 +11,10 @@
 /* A query on its way; the arrays lie in the scratch. */
 struct query {
 	struct dvsm_fixed_slope slope;
-	int32_t top;
+	int16_t top;
 	int64_t sum;
 	struct row_bytes q; /* [head_width] */
-	int32_t *scores;    /* as many as are kept */
+	int16_t *scores;    /* words, as many as are kept */
 	int16_t *weights;   /* [DVSM_FIXED_KEYS] ordered words */
 	int32_t *o;         /* [head_width] sums above their last 8 bits */
 	int32_t *o_low;     /* [head_width] those bits; behind them q's bytes */
@@ -23,6 +23,7 @@ struct query {
 static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count,
 		  size_t first)
 {
+	const __m128i shift = _mm_cvtsi32_si128(dvsm_fixed_score_shift(head_width));
 	struct row_bytes rows[QUERIES];
 
 	for (int i = 0; i < QUERIES; i++)
@@ -36,44 +37,48 @@ static void score(const struct query *queries, const int8_t *k, size_t head_widt
 		dot_bytes(QUERIES, rows, k + at * head_width, head_width / 4, sums);
 		DVSM_UNROLL
 		for (int i = 0; i < QUERIES; i++) {
-			_mm256_store_si256((__m256i *)(queries[i].scores + first + at), sums[i][0]);
-			_mm256_store_si256((__m256i *)(queries[i].scores + first + at + 8),
-					   sums[i][1]);
+			__m256i words = _mm256_packs_epi32(_mm256_sra_epi32(sums[i][0], shift),
+							   _mm256_sra_epi32(sums[i][1], shift));
+
+			_mm256_store_si256((__m256i *)(queries[i].scores + first + at),
+					   _mm256_permute4x64_epi64(words, 0xd8));
 		}
 	}
 }
 
-static int32_t largest_score(const struct query *query, size_t count, size_t first)
+/* Those of sixteen words whose key is below count. */
+static inline __m256i word_lanes(size_t count)
 {
-	const int32_t *scores = query->scores + first;
-	__m256i most = _mm256_set1_epi32(INT32_MIN);
-	int32_t parts[8], largest;
-	size_t key = 0;
+	const __m256i lanes =
+		_mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
 
-	for (; key + 8 <= count; key += 8)
-		most = _mm256_max_epi32(most, _mm256_load_si256((const __m256i *)(scores + key)));
+	return _mm256_cmpgt_epi16(_mm256_set1_epi16((int16_t)(count < 16 ? count : 16)), lanes);
+}
+
+static int16_t largest_score(const struct query *query, size_t count, size_t first)
+{
+	const __m256i least = _mm256_set1_epi16(INT16_MIN);
+	const int16_t *scores = query->scores + first;
+	__m256i most = least;
+	int16_t parts[16], largest;
+
+	for (size_t key = 0; key < count; key += 16)
+		most = _mm256_max_epi16(
+			most, _mm256_blendv_epi8(least,
+						 _mm256_load_si256((const __m256i *)(scores + key)),
+						 word_lanes(count - key)));
 	_mm256_storeu_si256((__m256i *)parts, most);
 	largest = parts[0];
-	for (int i = 1; i < 8; i++)
+	for (int i = 1; i < 16; i++)
 		largest = parts[i] > largest ? parts[i] : largest;
-	for (; key < count; key++)
-		largest = scores[key] > largest ? scores[key] : largest;
 	return largest;
 }
 
 /* dvsm_fixed_exp2() of sixteen numbers. */
-static inline __m256i exp2_lanes(__m256i x, int up)
+static inline __m256i exp2_lanes(__m256i x, __m128i left, __m128i right)
 {
-	if (up > 0) {
-		const __m256i limit = _mm256_set1_epi16((int16_t)(65535u >> up));
-		__m256i within = _mm256_cmpeq_epi16(_mm256_min_epu16(x, limit), x);
-
-		x = _mm256_blendv_epi8(_mm256_set1_epi16(-1),
-				       _mm256_sll_epi16(x, _mm_cvtsi32_si128(up)), within);
-	}
-
-	__m256i whole = _mm256_avg_epu16(_mm256_srli_epi16(x, 10), _mm256_setzero_si256());
-	__m256i t = _mm256_slli_epi16(x, 5), r = _mm256_set1_epi16(DVSM_FIXED_EXP2_C);
+	__m256i whole = _mm256_avg_epu16(_mm256_srl_epi16(x, right), _mm256_setzero_si256());
+	__m256i t = _mm256_sll_epi16(x, left), r = _mm256_set1_epi16(DVSM_FIXED_EXP2_C);
 
 	r = _mm256_sub_epi16(_mm256_set1_epi16(DVSM_FIXED_EXP2_B), _mm256_mulhrs_epi16(t, r));
 	r = _mm256_sub_epi16(_mm256_set1_epi16(DVSM_FIXED_EXP2_A), _mm256_mulhrs_epi16(t, r));
@@ -88,32 +93,23 @@ static inline __m256i exp2_lanes(__m256i x, int up)
 	return _mm256_avg_epu16(_mm256_blend_epi16(even, odd, 0xaa), _mm256_setzero_si256());
 }
 
-/* Scores to weights, 16 keys at a time, 0 behind the last up to whole vectors. */
+/* Words to weights, 16 keys at a time, 0 behind the last up to whole vectors. */
 static void weigh(struct query *query, size_t count, size_t first)
 {
-	const __m256i top = _mm256_set1_epi32(query->top);
+	const __m256i top = _mm256_set1_epi16(query->top);
 	const __m256i factor = _mm256_set1_epi16((int16_t)query->slope.factor);
 	const __m256i ones = _mm256_set1_epi16(1);
-	const __m128i down = _mm_cvtsi32_si128(query->slope.down);
+	const __m128i left = _mm_cvtsi32_si128(16 - query->slope.fraction);
+	const __m128i right = _mm_cvtsi32_si128(query->slope.fraction - 1);
 	__m256i sums = _mm256_setzero_si256();
 
 	for (size_t key = 0; key < count; key += 16) {
-		const __m256i *scores = (const __m256i *)(query->scores + first + key);
-		__m256i a = _mm256_sub_epi32(top, _mm256_load_si256(scores));
-		__m256i b = _mm256_sub_epi32(top, _mm256_load_si256(scores + 1));
-		__m256i p =
-			_mm256_packus_epi32(_mm256_sra_epi32(a, down), _mm256_sra_epi32(b, down));
+		const int16_t *scores = query->scores + first + key;
+		__m256i way = _mm256_sub_epi16(top, _mm256_load_si256((const __m256i *)scores));
+		__m256i p = exp2_lanes(_mm256_mulhi_epu16(way, factor), left, right);
 
-		p = _mm256_mulhi_epu16(_mm256_permute4x64_epi64(p, 0xd8), factor);
-		p = exp2_lanes(p, query->slope.up);
-		if (count - key < 16) {
-			const __m256i lanes = _mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10,
-								11, 12, 13, 14, 15);
-
-			p = _mm256_and_si256(
-				p, _mm256_cmpgt_epi16(_mm256_set1_epi16((int16_t)(count - key)),
-						      lanes));
-		}
+		if (count - key < 16)
+			p = _mm256_and_si256(p, word_lanes(count - key));
 		sums = _mm256_add_epi32(sums, _mm256_madd_epi16(p, ones));
 		_mm256_store_si256((__m256i *)(query->weights + key), order_words(p));
 	}
@@ -188,8 +184,9 @@ static void write_out(const struct dvsm_fixed_attention *job, const struct query
 
 static void start(const struct dvsm_fixed_attention *job, size_t index, struct query *query)
 {
-	query->slope = dvsm_fixed_slope_make(job->q_scale[index * job->scale_stride]);
-	query->top = 0;
+	query->slope =
+		dvsm_fixed_slope_make(job->q_scale[index * job->scale_stride], job->head_width);
+	query->top = INT16_MIN;
 	query->sum = 0;
 	query->q = row_prepare(job->q + index * job->q_stride, job->head_width,
 			       (uint8_t *)(query->o_low + job->head_width));

@@ -21,12 +21,14 @@ static inline __m512i in_order_of_two(__m512i packed)
 }
 
 /** What two packs made of four, of which each quarter has four numbers of each. */
+static inline __m512i order_of_four(void)
+{
+	return _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
+}
+
 static inline __m512i in_order_of_four(__m512i packed)
 {
-	const __m512i order =
-		_mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
-
-	return _mm512_permutexvar_epi32(order, packed);
+	return _mm512_permutexvar_epi32(order_of_four(), packed);
 }
 
 /** Sixteen numbers of 64 bits: those of the even lanes and those of the odd ones. */

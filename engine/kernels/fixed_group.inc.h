@@ -2,8 +2,9 @@
  * Template: fixed-point attention of QUERIES queries that pass over the keys together, twice: for
  * the largest score, then for the sums. Included by a tier behind
  *
- *   struct query         a query on its way: top, scores, weights, o and o_low as place() lays
- * them, and what else the tier's steps need start()              its state before the first key
+ *   struct query         a query on its way: top; scores, weights, o and o_low, which place() lays;
+ *                        and what else the tier's steps need
+ *   start()              its state before the first key
  *   score()              scores of a tile of keys, `at` behind where the query's begin
  *   largest_score()      of a tile's
  *   weigh(), mix()       a tile's weights, and their sum; sums of weights times values
@@ -28,7 +29,7 @@ static inline size_t scores_stride(const struct dvsm_fixed_attention *job)
  * a byte a channel. */
 static void place(const struct dvsm_fixed_attention *job, struct query queries[QUERIES])
 {
-	int32_t *scores = job->scratch;
+	int16_t *scores = job->scratch;
 	unsigned char *at = (unsigned char *)(scores + DVSM_FIXED_SCORES);
 
 	for (size_t i = 0; i < QUERIES; i++) {
@@ -50,9 +51,9 @@ static void find_tops(const struct dvsm_fixed_attention *job, struct query queri
 
 		score(queries, job->k + key * job->head_width, job->head_width, count, at);
 		for (size_t i = 0; i < QUERIES; i++) {
-			int32_t largest = largest_score(&queries[i], count, at);
+			int16_t largest = largest_score(&queries[i], count, at);
 
-			if (key == 0 || largest > queries[i].top)
+			if (largest > queries[i].top)
 				queries[i].top = largest;
 		}
 	}

@@ -228,43 +228,66 @@ static inline int16_t dvsm_fixed_gelu(int16_t u, int fraction)
 #define DVSM_FIXED_EXP2_C   318
 
 /**
- * 23150 2^-(x 2^up / 2^11), rounded; x 2^up is saturated to 65535. From 2^15 on, 16 powers of two,
- * it is 0: no factor of a slope, 2^15 at least, keeps a score that left 16 bits below that.
- *
- * x   0..65535
- * up  0..15
+ * Scores become words: s >> dvsm_fixed_score_shift(head_width) fits 16 bits, whatever the int8
+ * numbers are: head_width 127 128 <= 2^shift 32512. What goes is less than what a step of one
+ * number of 127 moves, and int8 rounds head_width of them.
  */
-static inline uint16_t dvsm_fixed_exp2(uint32_t x, int up)
+static inline int dvsm_fixed_score_shift(size_t head_width)
 {
-	x = x > 65535u >> up ? 65535u : x << up;
+	int shift = 0;
 
+	while (head_width > (size_t)2 << shift)
+		shift++;
+	return shift;
+}
+
+/**
+ * 23150 2^-(x 2^-fraction), rounded: 0 from 16 powers of two on.
+ *
+ * x         0..65535
+ * fraction  bits of x, 1..11
+ */
+static inline uint16_t dvsm_fixed_exp2(uint32_t x, int fraction)
+{
 	/* The whole power nearest to x, and what is left: a fraction of 16 bits with a sign. */
-	uint32_t whole = ((x >> 10) + 1) >> 1;
-	int16_t t = (int16_t)(uint16_t)(x << 5), r = DVSM_FIXED_EXP2_C;
+	uint32_t whole = ((x >> (fraction - 1)) + 1) >> 1;
+	int16_t t = (int16_t)(uint16_t)(x << (16 - fraction)), r = DVSM_FIXED_EXP2_C;
 
+	if (whole > 16)
+		return 0;
 	r = (int16_t)(DVSM_FIXED_EXP2_B - dvsm_fixed_mulhrs(t, r));
 	r = (int16_t)(DVSM_FIXED_EXP2_A - dvsm_fixed_mulhrs(t, r));
 
-	uint64_t power = (uint64_t)(DVSM_FIXED_EXP2_ONE - dvsm_fixed_mulhrs(t, r));
+	uint32_t power = (uint32_t)(DVSM_FIXED_EXP2_ONE - dvsm_fixed_mulhrs(t, r));
 
 	return (uint16_t)(((power >> whole) + 1) >> 1);
 }
 
-/** Where the scores of a query end up: x = d >> down, then factor, then up. */
+/** What a query's scores, as words, are worth: x = way factor >> 16, which has `fraction` bits. */
 struct dvsm_fixed_slope {
-	int down, up;
 	uint16_t factor;
+	int fraction;
 };
 
-static inline struct dvsm_fixed_slope dvsm_fixed_slope_make(struct dvsm_fixed_scale scale)
+/**
+ * The finest there is: factor is 2^15 at least where fraction is less than 11. Scores of which one
+ * step is worth half a power of two or more, which no rounding of int8 could tell apart, count as
+ * if it were worth that.
+ *
+ * scale  powers of two that 1 is worth, as a score before it becomes a word
+ */
+static inline struct dvsm_fixed_slope dvsm_fixed_slope_make(struct dvsm_fixed_scale scale,
+							    size_t head_width)
 {
-	int shift = -scale.exponent - 26;
+	const int fraction = -15 - scale.exponent - dvsm_fixed_score_shift(head_width);
+	const int factor = 2 * scale.mantissa;
 
-	return (struct dvsm_fixed_slope){
-		.down = dvsm_fixed_clamp(shift, 0, 31),
-		.up = dvsm_fixed_clamp(-shift, 0, 15),
-		.factor = (uint16_t)(2 * scale.mantissa),
-	};
+	if (fraction < 1)
+		return (struct dvsm_fixed_slope){factor ? 65535 : 0, 1};
+	if (fraction > 11)
+		return (struct dvsm_fixed_slope){
+			(uint16_t)(factor >> dvsm_fixed_clamp(fraction - 11, 0, 16)), 11};
+	return (struct dvsm_fixed_slope){(uint16_t)factor, fraction};
 }
 
 /**

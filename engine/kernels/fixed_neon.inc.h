@@ -170,14 +170,14 @@ static void gemm(const struct dvsm_fixed_gemm *job)
 
 /* The scratch of one call. */
 struct places {
-	int32_t *scores; /* [queries][scores_stride] of all keys where kept, else of a tile */
+	int16_t *scores; /* [queries][scores_stride] words of all keys where kept, else of a tile */
 	size_t scores_stride;
 	bool kept;
 	int8_t *high, *low; /* [queries][DVSM_FIXED_KEYS] */
 	int64_t *o;         /* [queries][head_width] */
 	int32_t *sums;      /* [queries][WIDTH] twice */
 	int64_t *total;     /* [queries] sums of p */
-	int32_t *top;       /* [queries] */
+	int16_t *top;       /* [queries] */
 };
 
 static struct places place(const struct dvsm_fixed_attention *job)
@@ -192,65 +192,78 @@ static struct places place(const struct dvsm_fixed_attention *job)
 	made.total = made.o + queries * job->head_width;
 	made.sums = (int32_t *)(void *)(made.total + queries);
 	/* head_width is at least WIDTH: sums fit what the other accumulators leave. */
-	made.top = made.sums + queries * WIDTH * 2;
+	made.top = (int16_t *)(void *)(made.sums + queries * WIDTH * 2);
 	made.high = (int8_t *)(made.top + queries);
 	made.low = made.high + queries * keys;
 	return made;
 }
 
-static int32_t largest_of(const int32_t *scores, size_t count)
+static int16_t largest_of(const int16_t *scores, size_t count)
 {
-	int32x4_t most = vdupq_n_s32(INT32_MIN);
+	int16x8_t most = vdupq_n_s16(INT16_MIN);
 	size_t key = 0;
-	int32_t largest;
+	int16_t largest;
 
-	for (; key + 4 <= count; key += 4)
-		most = vmaxq_s32(most, vld1q_s32(scores + key));
-	largest = vmaxvq_s32(most);
+	for (; key + 8 <= count; key += 8)
+		most = vmaxq_s16(most, vld1q_s16(scores + key));
+	largest = vmaxvq_s16(most);
 	for (; key < count; key++)
 		largest = scores[key] > largest ? scores[key] : largest;
 	return largest;
 }
 
+/* A slope in all lanes; shifts to the right are negative. */
+struct slope_lanes {
+	int16x8_t top, left, right;
+	uint16_t factor;
+};
+
+static inline struct slope_lanes slope_lanes_make(struct dvsm_fixed_slope slope, int16_t top)
+{
+	return (struct slope_lanes){
+		.top = vdupq_n_s16(top),
+		.left = vdupq_n_s16((int16_t)(16 - slope.fraction)),
+		.right = vdupq_n_s16((int16_t)-slope.fraction),
+		.factor = slope.factor,
+	};
+}
+
 /* dvsm_fixed_exp2() of eight numbers. */
-static inline uint16x8_t exp2_of(uint16x8_t x, int up)
+static inline uint16x8_t exp2_of(uint16x8_t x, const struct slope_lanes *slope)
 {
 	const int16x8_t a = vdupq_n_s16(DVSM_FIXED_EXP2_A), b = vdupq_n_s16(DVSM_FIXED_EXP2_B);
 	const int16x8_t one = vreinterpretq_s16_u16(vdupq_n_u16(DVSM_FIXED_EXP2_ONE));
-	int16x8_t t, r, whole;
+	const int16x8_t t = vreinterpretq_s16_u16(vshlq_u16(x, slope->left));
+	int16x8_t r, whole;
 
-	x = vqshlq_u16(x, vdupq_n_s16((int16_t)up));
-	t = vreinterpretq_s16_u16(vshlq_n_u16(x, 5));
 	r = vsubq_s16(b, vqrdmulhq_n_s16(t, DVSM_FIXED_EXP2_C));
 	r = vsubq_s16(a, vqrdmulhq_s16(t, r));
 	r = vsubq_s16(one, vqrdmulhq_s16(t, r));
-	whole = vreinterpretq_s16_u16(vrshrq_n_u16(x, 11));
+	/* A shift takes its lowest byte alone. */
+	whole = vreinterpretq_s16_u16(vminq_u16(vrshlq_u16(x, slope->right), vdupq_n_u16(17)));
 	return vrshrq_n_u16(vshlq_u16(vreinterpretq_u16_s16(r), vnegq_s16(whole)), 1);
 }
 
-/* How far four scores are from the top, in units of 2^-11 powers of two before `up`. */
-static inline uint16x4_t distance(int32x4_t scores, int32x4_t top, struct dvsm_fixed_slope slope)
+/* How far eight words are from the top. */
+static inline uint16x8_t distance(const int16_t *words, const struct slope_lanes *slope)
 {
-	uint32x4_t way = vreinterpretq_u32_s32(vsubq_s32(top, scores));
+	const uint16x8_t way = vreinterpretq_u16_s16(vsubq_s16(slope->top, vld1q_s16(words)));
+	const uint32x4_t low = vmull_n_u16(vget_low_u16(way), slope->factor);
+	const uint32x4_t high = vmull_n_u16(vget_high_u16(way), slope->factor);
 
-	way = vshlq_u32(way, vdupq_n_s32(-slope.down));
-	return vshrn_n_u32(vmull_n_u16(vqmovn_u32(way), slope.factor), 16);
+	return vuzp2q_u16(vreinterpretq_u16_u32(low), vreinterpretq_u16_u32(high));
 }
 
 /* Both planes of p for `padded` keys, 0 behind `count` of them; the sum of p. */
-static uint32_t weigh(const int32_t *scores, size_t count, size_t padded, int32_t top,
-		      struct dvsm_fixed_slope slope, int8_t *high, int8_t *low)
+static uint32_t weigh(const int16_t *words, size_t count, size_t padded,
+		      const struct slope_lanes *slope, int8_t *high, int8_t *low)
 {
 	static const uint16_t order[8] = {0, 1, 2, 3, 4, 5, 6, 7};
-	const int32x4_t tops = vdupq_n_s32(top);
 	uint32x4_t sum = vdupq_n_u32(0);
 
 	for (size_t key = 0; key < padded; key += 8) {
 		const size_t left = count > key ? count - key : 0;
-		uint16x8_t p =
-			exp2_of(vcombine_u16(distance(vld1q_s32(scores + key), tops, slope),
-					     distance(vld1q_s32(scores + key + 4), tops, slope)),
-				slope.up);
+		uint16x8_t p = exp2_of(distance(words + key, slope), slope);
 
 		if (left < 8)
 			p = vandq_u16(p, vcltq_u16(vld1q_u16(order), vdupq_n_u16((uint16_t)left)));
@@ -303,22 +316,38 @@ static void mix(const struct dvsm_fixed_attention *job, const struct places *at,
 	}
 }
 
-/* Scores of a tile of keys, the first of which is `first`. */
+/* Scores of a query's tile, sixteen keys, to words. */
+static inline void keep_words(const int32_t sums[WIDTH], int shift, int16_t words[WIDTH])
+{
+	const int32x4_t down = vdupq_n_s32(-shift);
+
+	for (size_t i = 0; i < WIDTH; i += 8)
+		vst1q_s16(words + i,
+			  vcombine_s16(vmovn_s32(vshlq_s32(vld1q_s32(sums + i), down)),
+				       vmovn_s32(vshlq_s32(vld1q_s32(sums + i + 4), down))));
+}
+
+/* Words of a tile of keys, the first of which is `first`. */
 static void score(const struct dvsm_fixed_attention *job, const struct places *at, size_t first,
 		  size_t padded)
 {
-	int32_t *scores = at->scores + (at->kept ? first : 0);
+	const int shift = dvsm_fixed_score_shift(job->head_width);
+	int16_t *scores = at->scores + (at->kept ? first : 0);
 
-	for (size_t key = 0; key < padded; key += WIDTH)
+	for (size_t key = 0; key < padded; key += WIDTH) {
 		dot(job->q, job->q_stride, job->queries, job->k + (first + key) * job->head_width,
-		    4 * WIDTH, job->head_width / 4, scores + key, at->scores_stride);
+		    4 * WIDTH, job->head_width / 4, at->sums, WIDTH);
+		for (size_t i = 0; i < job->queries; i++)
+			keep_words(at->sums + i * WIDTH, shift,
+				   scores + i * at->scores_stride + key);
+	}
 }
 
 static void find_tops(const struct places *at, size_t queries, size_t first, size_t count)
 {
 	for (size_t i = 0; i < queries; i++) {
-		const int32_t *scores = at->scores + i * at->scores_stride;
-		const int32_t largest = largest_of(scores + (at->kept ? first : 0), count);
+		const int16_t *scores = at->scores + i * at->scores_stride;
+		const int16_t largest = largest_of(scores + (at->kept ? first : 0), count);
 
 		if (first == 0 || largest > at->top[i])
 			at->top[i] = largest;
@@ -330,10 +359,11 @@ static void weigh_tile(const struct dvsm_fixed_attention *job, const struct plac
 {
 	for (size_t i = 0; i < job->queries; i++) {
 		const struct dvsm_fixed_scale scale = job->q_scale[i * job->scale_stride];
-		const int32_t *scores = at->scores + i * at->scores_stride;
+		const struct slope_lanes slope =
+			slope_lanes_make(dvsm_fixed_slope_make(scale, job->head_width), at->top[i]);
+		const int16_t *words = at->scores + i * at->scores_stride + (at->kept ? first : 0);
 
-		at->total[i] += weigh(scores + (at->kept ? first : 0), count, padded, at->top[i],
-				      dvsm_fixed_slope_make(scale), at->high + i * DVSM_FIXED_KEYS,
+		at->total[i] += weigh(words, count, padded, &slope, at->high + i * DVSM_FIXED_KEYS,
 				      at->low + i * DVSM_FIXED_KEYS);
 	}
 }

@@ -76,24 +76,27 @@ static void gemm(const struct dvsm_fixed_gemm *job)
 /* ---- attention ---- */
 
 /* Scores of a tile's keys; the last group of 16 may reach into the padding. Returns the largest. */
-static int32_t score(const struct dvsm_fixed_attention *job, const int8_t *q, size_t first,
-		     size_t count, int32_t *scores)
+static int16_t score(const struct dvsm_fixed_attention *job, const int8_t *q, size_t first,
+		     size_t count, int16_t *scores)
 {
-	int32_t largest = INT32_MIN;
+	const int shift = dvsm_fixed_score_shift(job->head_width);
+	int16_t largest = INT16_MIN;
 
-	for (size_t key = 0; key < count; key += DVSM_FIXED_PANEL)
-		sum_panel(q, job->k + (first + key) * job->head_width, job->head_width,
-			  scores + key);
+	for (size_t key = 0; key < count; key += DVSM_FIXED_PANEL) {
+		int32_t sums[DVSM_FIXED_PANEL];
+
+		sum_panel(q, job->k + (first + key) * job->head_width, job->head_width, sums);
+		for (size_t i = 0; i < DVSM_FIXED_PANEL; i++)
+			scores[key + i] = (int16_t)(sums[i] >> shift);
+	}
 	for (size_t key = 0; key < count; key++)
 		largest = scores[key] > largest ? scores[key] : largest;
 	return largest;
 }
 
-static uint16_t weight(struct dvsm_fixed_slope slope, int32_t top, int32_t s)
+static uint16_t weight(struct dvsm_fixed_slope slope, int16_t top, int16_t s)
 {
-	uint32_t way = (uint32_t)(top - s) >> slope.down;
-
-	return dvsm_fixed_exp2((way < 65535 ? way : 65535) * slope.factor >> 16, slope.up);
+	return dvsm_fixed_exp2((uint32_t)(top - s) * slope.factor >> 16, slope.fraction);
 }
 
 /* O += the tile's weighted values; p is [tile], v the tile's values, parts [head_width][4]. */
@@ -116,17 +119,16 @@ static void mix(const int16_t *p, const int8_t *v, size_t count, size_t dim, siz
 }
 
 static void attend(const struct dvsm_fixed_attention *job, const int8_t *q,
-		   struct dvsm_fixed_scale scale, int32_t *scores, int64_t *o, int16_t *out)
+		   struct dvsm_fixed_scale scale, int16_t *scores, int64_t *o, int16_t *out)
 {
 	const bool kept = job->keys <= DVSM_FIXED_SCORES;
-	struct dvsm_fixed_slope slope = dvsm_fixed_slope_make(scale);
+	struct dvsm_fixed_slope slope = dvsm_fixed_slope_make(scale, job->head_width);
 	int32_t *parts = (int32_t *)(void *)(o + job->head_width);
-	int32_t top = INT32_MIN;
-	int16_t p[DVSM_FIXED_KEYS];
+	int16_t top = INT16_MIN, p[DVSM_FIXED_KEYS];
 	int64_t sum = 0;
 
 	for (size_t first = 0; first < job->keys; first += DVSM_FIXED_KEYS) {
-		int32_t largest = score(job, q, first, dvsm_fixed_tile_keys(job, first),
+		int16_t largest = score(job, q, first, dvsm_fixed_tile_keys(job, first),
 					kept ? scores + first : scores);
 
 		top = largest > top ? largest : top;
@@ -134,7 +136,7 @@ static void attend(const struct dvsm_fixed_attention *job, const int8_t *q,
 	memset(o, 0, job->dim * sizeof(*o));
 	for (size_t first = 0; first < job->keys; first += DVSM_FIXED_KEYS) {
 		const size_t count = dvsm_fixed_tile_keys(job, first);
-		const int32_t *tile = kept ? scores + first : scores;
+		const int16_t *tile = kept ? scores + first : scores;
 
 		if (!kept)
 			score(job, q, first, count, scores);
@@ -160,7 +162,7 @@ static void attend(const struct dvsm_fixed_attention *job, const int8_t *q,
 
 static void attention(const struct dvsm_fixed_attention *job)
 {
-	int32_t *scores = job->scratch;
+	int16_t *scores = job->scratch;
 	int64_t *o = (int64_t *)(void *)(scores + DVSM_FIXED_SCORES);
 
 	for (size_t i = 0; i < job->queries; i++)

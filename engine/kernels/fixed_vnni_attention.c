@@ -16,19 +16,16 @@
 #define MIX_QUERIES  2
 #define MIX_GROUPS   4
 
-#define SCORE_STEP  16
-#define WEIGHT_STEP 64
-
-#include "kernels/fixed_avx512_softmax.inc.h"
+#include "kernels/fixed_avx512_softmax.h"
 
 /* A query on its way; the arrays lie in the scratch. */
 struct query {
 	const int8_t *q;
 	struct slope slope;
-	int32_t top;
+	int16_t top;
 	int32_t offset; /* -128 times the sum of q */
 	int64_t sum;
-	int32_t *scores;  /* as many as are kept */
+	int16_t *scores;  /* words, as many as are kept */
 	uint8_t *weights; /* [2][DVSM_FIXED_KEYS] planes: high, low */
 	int32_t *o;       /* [head_width] sums with the high plane */
 	int32_t *o_low;   /* [head_width] sums with the low one */
@@ -40,8 +37,8 @@ static void start(const struct dvsm_fixed_attention *job, size_t index, struct q
 	__m512i sum = _mm512_setzero_si512();
 
 	query->q = job->q + index * job->q_stride;
-	query->slope = slope_make(job->q_scale[index * job->scale_stride]);
-	query->top = 0;
+	query->slope = slope_make(job->q_scale[index * job->scale_stride], job->head_width);
+	query->top = INT16_MIN;
 	query->sum = 0;
 	for (size_t d = 0; d < job->head_width; d += 16)
 		sum = _mm512_dpbusd_epi32(sum, ones, _mm512_maskz_loadu_epi32(0xf, query->q + d));
@@ -71,6 +68,7 @@ DVSM_INLINE void score_groups(const int groups, const struct query *queries, con
 			      size_t head_width, size_t at)
 {
 	const __m512i flip = _mm512_set1_epi8(INT8_MIN);
+	const __m512i shift = _mm512_set1_epi32(dvsm_fixed_score_shift(head_width));
 	__m512i sums[QUERIES][SCORE_GROUPS];
 
 	DVSM_UNROLL
@@ -98,15 +96,12 @@ DVSM_INLINE void score_groups(const int groups, const struct query *queries, con
 		}
 	}
 	DVSM_UNROLL
-	for (int i = 0; i < QUERIES; i++) {
-		DVSM_UNROLL
-		for (int j = 0; j < groups; j++)
-			_mm512_store_si512(queries[i].scores + at + j * (int)DVSM_FIXED_PANEL,
-					   sums[i][j]);
-	}
+	for (int i = 0; i < QUERIES; i++)
+		_mm512_store_si512(queries[i].scores + at,
+				   score_words(sums[i][0], sums[i][groups - 1], shift));
 }
 
-/* All of a tile; the last group may reach into the padding. */
+/* All of a tile; the last group may reach into the padding, or be there twice. */
 static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count,
 		  size_t at)
 {
@@ -182,16 +177,24 @@ static void mix(const struct query *queries, const int8_t *v, size_t head_width,
 
 /* ---- softmax ---- */
 
-static int32_t largest_score(const struct query *query, size_t count, size_t at)
+static int16_t largest_score(const struct query *query, size_t count, size_t at)
 {
-	return _mm512_reduce_max_epi32(largest_lanes(query->scores + at, count));
+	__m512i largest = _mm512_set1_epi16(INT16_MIN);
+
+	for (size_t key = 0; key < count; key += 32)
+		largest = _mm512_mask_max_epi16(largest, word_lanes(key, count), largest,
+						_mm512_load_si512(query->scores + at + key));
+	return (int16_t)_mm512_reduce_max_epi32(larger_words(largest));
 }
 
 static void weigh(struct query *query, size_t count, size_t at)
 {
-	__m512i sums = weigh_scores(&query->slope, query->top, query->scores + at, query->weights,
-				    query->weights + DVSM_FIXED_KEYS, count);
+	const struct softmax_lanes lanes = softmax_lanes_make();
+	__m512i sums = _mm512_setzero_si512();
 
+	query->slope.top = twice(query->top);
+	sums = weigh_keys(&lanes, &query->slope, query->scores + at, query->weights,
+			  query->weights + DVSM_FIXED_KEYS, count, sums);
 	query->sum += _mm512_reduce_add_epi32(sums);
 }
 

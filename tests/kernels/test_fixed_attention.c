@@ -43,14 +43,18 @@ static void check_pack(const struct dvsm_fixed_kernels *tier)
 	compare(&values, tier->name, "pack_values");
 }
 
-/* Packed keys or values: zeros behind the last key, and behind the last channel. */
+/* Packed keys or values: zeros behind the last key, and behind the last channel; behind all keys
+ * anything. */
 static int8_t *take_packed(const struct dvsm_fixed_attention *job, bool keys)
 {
 	size_t padded = dvsm_fixed_pad(job->keys, DVSM_FIXED_KEY_PAD), unit = keys ? 16 : 4;
-	int8_t *made = take(padded * job->head_width);
+	const size_t bytes = padded * job->head_width, behind = keys ? DVSM_FIXED_BEHIND_KEYS : 0;
+	int8_t *made = take(bytes + behind);
 	enum kind kind = draw_kind();
 
-	memset(made, 0, padded * job->head_width);
+	memset(made, 0, bytes);
+	for (size_t i = 0; i < behind; i++)
+		made[bytes + i] = (int8_t)draw(7, kind);
 	for (size_t key = 0; key < job->keys; key++) {
 		int8_t *to = made + key / unit * unit * job->head_width;
 		/* Keys that are alike, as neighbours are, and now and then one that stands out. */
@@ -117,24 +121,37 @@ static void check_attention(const struct dvsm_fixed_kernels *tier)
 EXACT(pack, 200)
 EXACT(attention, 300)
 
-/* From the top down beyond where scores leave 16 bits; a unit of a score is 2^-11 powers at most.
- */
+static void every_score_becomes_a_word(void **state)
+{
+	(void)state;
+	for (size_t width = DVSM_FIXED_HEAD; width <= 1024; width += DVSM_FIXED_HEAD) {
+		const int64_t largest = (int64_t)width * 127 * 128;
+		const int shift = dvsm_fixed_score_shift(width);
+
+		assert_in_range(largest >> shift, INT16_MAX / 2, INT16_MAX);
+		assert_true(-largest >> shift >= INT16_MIN);
+	}
+}
+
+/* From the top down to where nothing is left, a step of a word being half a power at most. */
 static void weights_follow_powers_of_two_however_far_a_score_is(void **state)
 {
 	(void)state;
 	for (int round = 0; round < 20000; round++) {
-		const struct dvsm_fixed_scale scale = draw_scale(-40, -26);
-		const struct dvsm_fixed_slope slope = dvsm_fixed_slope_make(scale);
-		const double unit = ldexp(scale.mantissa, scale.exponent);
-		const uint32_t way = (uint32_t)fmin(between(0, 4000) * 0.01 / unit, 0x1p30);
-		const uint32_t near = way >> slope.down < 65535 ? way >> slope.down : 65535;
-		const double p = dvsm_fixed_exp2(near * slope.factor >> 16, slope.up);
-		/* Two roundings to 2^-11 powers; the polynomial's; half a unit of p. */
-		const double want = 23150 * exp2(-(way * unit)), most = 0.6 + want * 8.8e-4;
+		const struct dvsm_fixed_scale scale = draw_scale(-40, -20);
+		const size_t width = DVSM_FIXED_HEAD * (size_t)between(1, 8);
+		const struct dvsm_fixed_slope slope = dvsm_fixed_slope_make(scale, width);
+		const double step =
+			ldexp(scale.mantissa, scale.exponent + dvsm_fixed_score_shift(width));
+		const uint32_t way = (uint32_t)fmin(between(0, 2000) * 0.01 / step, 65535);
+		const double p = dvsm_fixed_exp2(way * slope.factor >> 16, slope.fraction);
+		/* What factor and x round; the polynomial; half a unit of p. */
+		const double want = 23150 * exp2(-(way * step));
+		const double most = 0.6 + want * (exp2(ldexp(2, -slope.fraction)) - 1 + 2e-4);
 
-		if (fabs(p - want) > most)
-			fail_msg("%u units of %d 2^%d: weight %g, not %g", way, scale.mantissa,
-				 scale.exponent, p, want);
+		if (step <= 0.5 && fabs(p - want) > most)
+			fail_msg("%u steps of %d 2^%d, head of %zu: weight %g, not %g", way,
+				 scale.mantissa, scale.exponent, width, p, want);
 	}
 }
 
@@ -147,6 +164,7 @@ static int set_up(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(every_score_becomes_a_word),
 		cmocka_unit_test(weights_follow_powers_of_two_however_far_a_score_is),
 		cmocka_unit_test(pack_is_exact_in_every_tier),
 		cmocka_unit_test(attention_is_exact_in_every_tier),

@@ -175,12 +175,12 @@ static void expect_everywhere(const struct dvsm_model_config *config, uint32_t p
 static void the_bits_are_those_written_down(void **state)
 {
 	static const struct hashes even_bits = {
-		"8f7fc564949875bd9e95a666c939ee5ff58492ec2cd00f5496a6207606652ae6",
-		"f5992763cccf8f35817b214763112d712ca46a92da4da45e65a23b290943adfd",
+		"86b832032e1971cd8f64aaa6e7695cf734b1894c3398f8a730c8fabb9095dd00",
+		"70361ad9be0cb47659d4b92485b72d200e6cb24e60776b8a1af155fe454544d1",
 	};
 	static const struct hashes odd_bits = {
-		"76c7597d8281324bf66f1d5e237e9890eaa6cc0d28188117491d49aae6080a1a",
-		"5e266b62302968983bf21875218c28444479d66d932f3ba287e94c6e2ba71709",
+		"a5d140e4656bbe416e08be1a1e019426c99c439f02712086b6ddde9d42e7feb8",
+		"c5f148fce7b9557e74c377e9faa69640a3c891f8af5325db37e537d0f8c1b207",
 	};
 
 	(void)state;
