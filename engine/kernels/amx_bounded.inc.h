@@ -3,46 +3,43 @@
  * amx_online.inc.h.
  *
  * A weight is 2^score as it is, so that no maximum is looked for and nothing is rescaled. Queries
- * are rows: 32 of them and a chunk of keys make a unit of work, whose scores, weights and weighted
- * values are computed one unit apart each. The tiles' unit multiplies for the units before and
- * behind while the vectors' units take the exponential of this one. All keys that are laid pass by
- * the first-level cache, where a unit's scores, weights and sums stay.
+ * are rows: 32 of them and a chunk of keys make a unit of work. The tiles' unit makes scores of one
+ * block of 32 keys, then weighted values of the unit before, while the vectors' units turn the rows
+ * of the block before to weights, some behind each product. All keys that are laid pass by the
+ * first-level cache, where scores, weights and sums of two units stay.
  */
 
-#define UNIT  32u
-#define CHUNK DVSM_ATTENTION_CHUNK
-#define LAID  DVSM_ATTENTION_LAID
+#define UNIT   32u
+#define BLOCKS (DVSM_ATTENTION_CHUNK / DEPTH)
+#define LAID   DVSM_ATTENTION_LAID
 
 struct bounded {
 	size_t head_dim, query_rows;
+	vf lift;     /* takes scores to 255 - 2 bound .. 255 */
 	number *q;   /* [query_rows][head_dim] in tiles, times scale log2(e) */
 	float *out;  /* [query_rows][head_dim] */
 	float *sums; /* [query_rows][16]: of weights, by key modulo 16 */
 	number *k;   /* [LAID] keys as the weights of a product: [LAID / 16][head_dim / 2][16][2] */
-	number *v;   /* values, likewise: [LAID / 32][head_dim / 16][16][16][2] */
-	float (*scores)[UNIT][CHUNK]; /* [2] */
-	number *weights;              /* [2][UNIT][CHUNK] in tiles */
+	number *v;   /* values: [LAID / 32][head_dim / 16][16 pairs][16][2], see lay_values() */
+	float (*scores)[UNIT][2 * TILE]; /* [2] of blocks */
+	number *weights;                 /* [2] of units: [BLOCKS][UNIT][32] */
 };
 
-/* Where the parts of a unit are, which may not exist. */
+/* Where the parts of a unit are. */
 struct unit {
-	size_t query, key; /* first, the latter among those laid */
-	size_t keys;       /* in the chunk */
-	size_t turn;       /* of the two rooms for scores and weights */
-	bool exists;
+	size_t query, key;   /* first, the latter among those laid */
+	size_t keys, blocks; /* in the chunk; no blocks: there is no unit */
+	number *weights;
 };
 
-/* 2^score for |score| <= DVSM_ATTENTION_BOUND; relative error 7.5e-5, see exp2_short_vf(). */
-static inline vf weight_of(vf score)
-{
-	vf f = _mm512_reduce_ps(score, _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC);
-	vf p = vf_set(0.07802452f);
-
-	p = vf_fma(p, f, vf_set(0.22606717f));
-	p = vf_fma(p, f, vf_set(0.6958335f));
-	p = vf_fma(p, f, vf_set(0.9999252f));
-	return _mm512_scalef_ps(p, score);
-}
+/* The rows of a block that are on their way from scores to weights. */
+struct weighing {
+	const float *scores;
+	number *weights;
+	float *sums;
+	size_t left;
+	__mmask32 lanes; /* of keys that exist */
+};
 
 /* Rows of q to numbers in tiles, zeros behind the last. */
 static void lay_queries(const struct bounded *b, const struct dvsm_attention *job)
@@ -65,10 +62,10 @@ static void lay_queries(const struct bounded *b, const struct dvsm_attention *jo
 	}
 }
 
-/* Keys to tiles of pairs of depth, zeros up to a whole chunk. */
+/* Keys to tiles of pairs of depth, zeros up to a whole block. */
 static void lay_keys(const struct bounded *b, const number *k, size_t keys)
 {
-	const size_t whole = (keys + CHUNK - 1) / CHUNK * CHUNK;
+	const size_t whole = (keys + DEPTH - 1) / DEPTH * DEPTH;
 
 	for (size_t key = 0; key < whole; key += TILE) {
 		for (size_t d = 0; d < b->head_dim; d += DEPTH) {
@@ -86,118 +83,182 @@ static void lay_keys(const struct bounded *b, const number *k, size_t keys)
 	}
 }
 
-/* Values to tiles of pairs of keys, zeros up to a whole chunk. */
+/* Values to tiles of pairs of keys, zeros up to a whole block; a key's other one is 16 behind. */
 static void lay_values(const struct bounded *b, const number *v, size_t keys)
 {
-	const size_t whole = (keys + CHUNK - 1) / CHUNK * CHUNK;
+	const size_t whole = (keys + DEPTH - 1) / DEPTH * DEPTH;
 
 	for (size_t key = 0; key < whole; key += DEPTH) {
 		for (size_t d = 0; d < b->head_dim; d += TILE) {
 			number *to = b->v + key * b->head_dim + d * DEPTH;
 
-			for (size_t i = 0; i < DEPTH; i += 2, to += 2 * TILE) {
-				__m512i even = value_lanes(v, keys, b->head_dim, key + i, d);
-				__m512i odd = value_lanes(v, keys, b->head_dim, key + i + 1, d);
+			for (size_t i = 0; i < TILE; i++, to += 2 * TILE) {
+				__m512i one = value_lanes(v, keys, b->head_dim, key + i, d);
+				__m512i two = value_lanes(v, keys, b->head_dim, key + TILE + i, d);
 
 				_mm512_storeu_si512(
-					to, _mm512_or_si512(even, _mm512_slli_epi32(odd, 16)));
+					to, _mm512_or_si512(one, _mm512_slli_epi32(two, 16)));
 			}
 		}
 	}
 }
 
 /*
- * A half of a row of scores to weights. The chunk has `keys` keys, which are all of it where
- * `whole`.
+ * Weights of 32 scores, pairs of keys that are 16 apart: -2^(score - bound), which is as good as
+ * 2^score, because all are divided by their sum. A lifted score is a float of 128 and on: a fixed
+ * exponent, 7 bits of a whole part and 16 of a fraction f. The whole part becomes the weight's
+ * exponent as it is, behind a bit of that of the score, which becomes its sign; f its mantissa:
+ *
+ *   2^f - 1 = f (0.69512 + f (0.22764 + f 0.07707)), error 8.6e-5 of the weight
+ *
+ * rounded to nearest, where what would become 2 stays one step below.
  */
-DVSM_INLINE void weigh_part(const struct bounded *b, const struct unit *unit, size_t row,
-			    size_t first, size_t count, bool whole)
+DVSM_INLINE __m512i weights_of(const float *scores, vf lift, __mmask32 lanes)
 {
-	const float *scores = b->scores[unit->turn][row];
-	number *to = b->weights + unit->turn * UNIT * CHUNK + left_at(row, first, CHUNK);
-	float *sums = b->sums + (unit->query + row) * TILE;
-	vf total = vf_load(sums);
+	const __mmask32 odd = 0xaaaaaaaau;
+	__m512i one = _mm512_castps_si512(vf_add(vf_load(scores), lift));
+	__m512i two = _mm512_castps_si512(vf_add(vf_load(scores + TILE), lift));
+	__m512i mixed = _mm512_shrdi_epi32(one, two, 16);
+	__m512i f = _mm512_mask_blend_epi16(odd, one, mixed);
+	__m512i whole = _mm512_mask_blend_epi16(odd, mixed, two);
+	__m512i p = _mm512_mulhi_epu16(f, _mm512_set1_epi16(5051));
+
+	p = _mm512_mulhi_epu16(f, _mm512_add_epi16(p, _mm512_set1_epi16(14919)));
+	p = _mm512_mulhi_epu16(f, _mm512_add_epi16(p, _mm512_set1_epi16((short)45555)));
+	p = _mm512_adds_epu16(p, _mm512_set1_epi16(256));
+	return _mm512_maskz_shldi_epi16(lanes, whole, p, 7);
+}
+
+/* The next rows, those that go beside a product: `rows` divides 32. */
+DVSM_INLINE void weigh_rows(const struct bounded *b, struct weighing *w, const size_t rows)
+{
+	if (w->left == 0)
+		return;
+	DVSM_UNROLL
+	for (size_t i = 0; i < rows; i++) {
+		__m512i weights = weights_of(w->scores + i * 2 * TILE, b->lift, w->lanes);
+		float *sums = w->sums + i * TILE;
+
+		_mm512_storeu_si512(w->weights + i * DEPTH, weights);
+		vf_store(sums, vp_dot(vf_load(sums), (vp)weights, vp_ones()));
+	}
+	w->scores += rows * 2 * TILE;
+	w->weights += rows * DEPTH;
+	w->sums += rows * TILE;
+	w->left -= rows;
+}
+
+/* From one block, of which the rest is weighed, to the next, whose scores are there. */
+DVSM_INLINE void weigh_next(const struct bounded *b, struct weighing *w, const struct unit *unit,
+			    size_t block)
+{
+	while (w->left > 0)
+		weigh_rows(b, w, 2);
+	if (block >= unit->blocks)
+		return;
+
+	const size_t keys = unit->keys - block * DEPTH;
+
+	w->scores = b->scores[block % 2][0];
+	w->weights = unit->weights + block * UNIT * DEPTH;
+	w->sums = b->sums + unit->query * TILE;
+	w->left = UNIT;
+	w->lanes = ~(uint32_t)0;
+	for (size_t key = keys; key < DEPTH; key++)
+		w->lanes &= ~((uint32_t)1 << (key % TILE * 2 + key / TILE));
+}
+
+/* Scores of a unit's queries with a block of its keys. */
+DVSM_INLINE void score_unit(const struct bounded *b, const size_t dim, const struct unit *unit,
+			    size_t block, struct weighing *w, const size_t share)
+{
+	const number *q = b->q + left_at(unit->query, 0, dim);
+	const number *k = b->k + (unit->key + block * DEPTH) * dim;
+	float *scores = b->scores[block % 2][0];
+
+	if (block >= unit->blocks)
+		return;
+	clear_sums();
+	DVSM_UNROLL
+	for (size_t d = 0; d < dim; d += DEPTH)
+		MULTIPLY_STEP(q + d * TILE, q + (dim + d) * TILE, k + d * TILE,
+			      k + (dim + d) * TILE, STREAM_W, NOTHING, weigh_rows(b, w, share));
+	AMX_STORE(0, scores, 2 * TILE * sizeof(float));
+	AMX_STORE(1, scores + TILE, 2 * TILE * sizeof(float));
+	AMX_STORE(2, scores + 2 * TILE * TILE, 2 * TILE * sizeof(float));
+	AMX_STORE(3, scores + 2 * TILE * TILE + TILE, 2 * TILE * sizeof(float));
+}
+
+/* Weighted values of an old unit, 32 numbers of the head; half way on to a block of the young. */
+DVSM_INLINE void mix_unit(const struct bounded *b, const size_t dim, const struct unit *old,
+			  size_t d, const struct unit *young, size_t next, struct weighing *w,
+			  const size_t share)
+{
+	const number *v = b->v + old->key * dim + d * DEPTH;
+	float *out = b->out + old->query * dim + d;
+
+	AMX_LOAD(0, out, dim * sizeof(float));
+	AMX_LOAD(1, out + TILE, dim * sizeof(float));
+	AMX_LOAD(2, out + TILE * dim, dim * sizeof(float));
+	AMX_LOAD(3, out + TILE * dim + TILE, dim * sizeof(float));
+	DVSM_UNROLL
+	for (size_t block = 0; block < BLOCKS; block++) {
+		const number *p = old->weights + block * UNIT * DEPTH;
+		const number *values = v + block * DEPTH * dim;
+
+		if (block == BLOCKS / 2 && next < BLOCKS)
+			weigh_next(b, w, young, next);
+		if (block < old->blocks)
+			MULTIPLY_STEP(p, p + TILE * DEPTH, values, values + TILE * DEPTH, STREAM_W,
+				      NOTHING, weigh_rows(b, w, share));
+	}
+	AMX_STORE(0, out, dim * sizeof(float));
+	AMX_STORE(1, out + TILE, dim * sizeof(float));
+	AMX_STORE(2, out + TILE * dim, dim * sizeof(float));
+	AMX_STORE(3, out + TILE * dim + TILE, dim * sizeof(float));
+}
+
+/*
+ * Scores and weights of one unit, but for the weights of its last block, which come with the next
+ * one; weighted values of the unit before. Twice: scores of two blocks, then half of the values.
+ */
+DVSM_INLINE void advance(const struct bounded *b, const size_t dim, const struct unit *young,
+			 const struct unit *old, struct weighing *at)
+{
+	const size_t share = dim < 64 ? 4 : dim < 128 ? 2 : 1;
+	const size_t middle = dim / (2 * DEPTH) * DEPTH;
+	struct weighing w = *at;
 
 	DVSM_UNROLL
-	for (size_t key = first; key < first + count; key += DEPTH, to += TILE * DEPTH) {
-		vf one = weight_of(vf_load(scores + key));
-		vf two = weight_of(vf_load(scores + key + TILE));
+	for (size_t block = 0; block < BLOCKS; block += 2) {
+		const size_t first = block > 0 ? middle : 0, end = block > 0 ? dim : middle;
 
-		if (!whole) {
-			size_t left = unit->keys > key ? unit->keys - key : 0;
-			uint64_t lanes = left < DEPTH ? ((uint64_t)1 << left) - 1 : ~(uint64_t)0;
-
-			one = _mm512_maskz_mov_ps((__mmask16)lanes, one);
-			two = _mm512_maskz_mov_ps((__mmask16)(lanes >> TILE), two);
-		}
-		total = vf_add(total, vf_add(one, two));
-		vp_store(to, vp_join(one, two));
+		score_unit(b, dim, young, block, &w, share);
+		weigh_next(b, &w, young, block);
+		score_unit(b, dim, young, block + 1, &w, share);
+		amx_publish();
+		if (old->blocks == 0 || first == end)
+			weigh_next(b, &w, young, block + 1);
+		if (old->blocks == 0)
+			continue;
+		DVSM_UNROLL
+		for (size_t d = first; d < end; d += DEPTH)
+			mix_unit(b, dim, old, d, young, d == first ? block + 1 : BLOCKS, &w, share);
 	}
-	vf_store(sums, total);
+	*at = w;
 }
 
-/* What is left to weigh of a unit. */
-struct weighing {
-	const struct unit *unit;
-	size_t row;
-};
-
-/* The next rows, those that go beside one step of products. */
-DVSM_INLINE void weigh_some(const struct bounded *b, struct weighing *w, size_t rows)
+/* Most models' heads get loops of their own. */
+static void advance_64(const struct bounded *b, const struct unit *young, const struct unit *old,
+		       struct weighing *w)
 {
-	for (size_t i = 0; i < rows && w->row < UNIT; i++, w->row++) {
-		if (w->unit->keys == CHUNK)
-			weigh_part(b, w->unit, w->row, 0, CHUNK, true);
-		else
-			weigh_part(b, w->unit, w->row, 0, CHUNK, false);
-	}
+	advance(b, 64, young, old, w);
 }
 
-/* Scores of one unit, weights of the next older, weighted values of the oldest. */
-static void advance(const struct bounded *b, const struct unit *young, const struct unit *middle,
-		    const struct unit *old)
+static void advance_any(const struct bounded *b, const struct unit *young, const struct unit *old,
+			struct weighing *w)
 {
-	const size_t dim = b->head_dim, steps = dim / DEPTH;
-	const size_t share = UNIT / (2 * (CHUNK / DEPTH) * steps);
-	struct weighing w = {middle, middle->exists ? 0 : UNIT};
-
-	amx_publish();
-	for (size_t key = 0; young->exists && key < CHUNK; key += 2 * TILE) {
-		const number *q = b->q + left_at(young->query, 0, dim);
-		const number *k = b->k + (young->key + key) * dim;
-		float *scores = b->scores[young->turn][0] + key;
-
-		clear_sums();
-		for (size_t d = 0; d < dim; d += DEPTH) {
-			multiply_step(q + d * TILE, q + (dim + d) * TILE, k + d * TILE,
-				      k + (dim + d) * TILE, STREAM_W);
-			weigh_some(b, &w, share);
-		}
-		AMX_STORE(0, scores, CHUNK * sizeof(float));
-		AMX_STORE(1, scores + TILE, CHUNK * sizeof(float));
-		AMX_STORE(2, scores + TILE * CHUNK, CHUNK * sizeof(float));
-		AMX_STORE(3, scores + TILE * CHUNK + TILE, CHUNK * sizeof(float));
-	}
-	for (size_t d = 0; old->exists && d < dim; d += 2 * TILE) {
-		const number *p = b->weights + old->turn * UNIT * CHUNK;
-		const number *v = b->v + old->key * dim + d * DEPTH;
-		float *out = b->out + old->query * dim + d;
-
-		AMX_LOAD(0, out, dim * sizeof(float));
-		AMX_LOAD(1, out + TILE, dim * sizeof(float));
-		AMX_LOAD(2, out + TILE * dim, dim * sizeof(float));
-		AMX_LOAD(3, out + TILE * dim + TILE, dim * sizeof(float));
-		for (size_t key = 0; key < CHUNK; key += DEPTH) {
-			multiply_step(p + key * TILE, p + (CHUNK + key) * TILE, v + key * dim,
-				      v + key * dim + TILE * DEPTH, STREAM_W);
-			weigh_some(b, &w, share);
-		}
-		AMX_STORE(0, out, dim * sizeof(float));
-		AMX_STORE(1, out + TILE, dim * sizeof(float));
-		AMX_STORE(2, out + TILE * dim, dim * sizeof(float));
-		AMX_STORE(3, out + TILE * dim + TILE, dim * sizeof(float));
-	}
-	weigh_some(b, &w, UNIT);
+	advance(b, b->head_dim, young, old, w);
 }
 
 /* Keys and values that are laid next, of this head or of the one behind it, to the second-level
@@ -213,44 +274,54 @@ static inline void call_numbers(const number *k, const number *v, size_t count)
 /* All queries with the keys and values that are laid; `k` and `v` come next. */
 static void attend_laid(const struct bounded *b, size_t keys, const number *k, const number *v)
 {
-	const size_t units = b->query_rows / UNIT * ((keys + CHUNK - 1) / CHUNK);
+	const size_t chunk = BLOCKS * DEPTH;
+	const size_t units = b->query_rows / UNIT * ((keys + chunk - 1) / chunk);
 	const size_t share = units ? LAID * b->head_dim / units : 0;
-	struct unit middle = {.exists = false}, old = middle;
+	const struct unit none = {.blocks = 0};
+	struct unit old = none;
+	struct weighing w = {.left = 0};
 	size_t turn = 0;
 
 	for (size_t query = 0; query < b->query_rows; query += UNIT) {
-		for (size_t key = 0; key < keys; key += CHUNK, turn ^= 1) {
-			const size_t left = keys - key;
-			struct unit young = {query, key, left < CHUNK ? left : CHUNK, turn, true};
+		for (size_t key = 0; key < keys; key += chunk, turn ^= 1) {
+			const size_t left = keys - key < chunk ? keys - key : chunk;
+			const struct unit young = {
+				.query = query,
+				.key = key,
+				.keys = left,
+				.blocks = (left + DEPTH - 1) / DEPTH,
+				.weights = b->weights + turn * BLOCKS * UNIT * DEPTH,
+			};
 
 			call_numbers(k, v, share);
 			k += share;
 			v += share;
-			advance(b, &young, &middle, &old);
-			old = middle;
-			middle = young;
+			if (b->head_dim == 64)
+				advance_64(b, &young, &old, &w);
+			else
+				advance_any(b, &young, &old, &w);
+			old = young;
 		}
 	}
-	for (int i = 0; i < 2; i++) {
-		struct unit none = {.exists = false};
-
-		advance(b, &none, &middle, &old);
-		old = middle;
-		middle = none;
-	}
+	advance_any(b, &none, &old, &w);
 }
 
 static void attention_bounded(const struct dvsm_attention *job)
 {
 	const size_t dim = job->head_dim, rows = (job->queries + UNIT - 1) / UNIT * UNIT;
 	const number *k = job->k, *v = job->v;
-	struct bounded b = {.head_dim = dim, .query_rows = rows, .k = job->scratch};
+	struct bounded b = {
+		.head_dim = dim,
+		.query_rows = rows,
+		.lift = vf_set(255.0f - job->bound),
+		.k = job->scratch,
+	};
 
 	b.v = b.k + LAID * dim;
 	b.q = b.v + LAID * dim;
 	b.out = (float *)(b.q + rows * dim);
 	b.sums = b.out + rows * dim;
-	b.scores = (float(*)[UNIT][CHUNK])(b.sums + rows * TILE);
+	b.scores = (float(*)[UNIT][2 * TILE])(b.sums + rows * TILE);
 	b.weights = (number *)b.scores[2];
 	lay_queries(&b, job);
 	memset(b.out, 0, rows * (dim + TILE) * sizeof(float));

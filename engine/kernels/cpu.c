@@ -16,6 +16,7 @@
 #define TILE_DATA_STATE          18
 
 /* CPUID leaf 7, subleaf 0 and 1; cpuid.h of older compilers does not name them all. */
+#define LEAF7_ECX_AVX512_VBMI2  (1u << 6)
 #define LEAF7_ECX_VNNI          (1u << 11)
 #define LEAF7_EDX_AMX_BF16      (1u << 22)
 #define LEAF7_EDX_AMX_TILE      (1u << 24)
@@ -52,7 +53,8 @@ static uint32_t detect_beyond_avx512(uint32_t ecx, uint32_t edx, uint32_t eax1, 
 		return mask;
 	if ((mask & DVSM_CPU_VNNI) && (edx & LEAF7_EDX_AMX_INT8))
 		mask |= DVSM_CPU_AMX_INT8;
-	if ((mask & DVSM_CPU_AVX512_BF16) && (edx & LEAF7_EDX_AMX_BF16))
+	if ((mask & DVSM_CPU_AVX512_BF16) && (ecx & LEAF7_ECX_AVX512_VBMI2) &&
+	    (edx & LEAF7_EDX_AMX_BF16))
 		mask |= DVSM_CPU_AMX_BF16;
 	return mask;
 }

@@ -35,7 +35,7 @@
 #define DVSM_ATTENTION_MOST_QUERIES 256u
 
 /** Largest bound of scores, in powers of 2, with which attention need not look for the maximum. */
-#define DVSM_ATTENTION_BOUND 64.0f
+#define DVSM_ATTENTION_BOUND 56.0f
 
 /** Keys that the online softmax takes in at a time. */
 #define DVSM_ATTENTION_KEYS 64u
@@ -166,7 +166,7 @@ static inline size_t dvsm_left_size(const struct dvsm_kernels *kernels, size_t r
 
 /** Keys and values that AMX lays in tiles at a time, and those it takes in between two products. */
 #define DVSM_ATTENTION_LAID  512u
-#define DVSM_ATTENTION_CHUNK 64u
+#define DVSM_ATTENTION_CHUNK 128u
 
 /**
  * Bytes of scratch for one attention call: q and out transposed, a tile of scores, three rows, and
@@ -179,7 +179,8 @@ static inline size_t dvsm_attention_scratch(size_t head_dim)
 	size_t keys = 2 * DVSM_ATTENTION_KEYS * dvsm_bf16_depth(head_dim);
 	size_t depth = dvsm_bf16_depth(head_dim);
 	size_t bounded = (DVSM_ATTENTION_LAID + DVSM_ATTENTION_MOST_QUERIES / 2) * depth +
-			 DVSM_ATTENTION_MOST_QUERIES * (depth + 16) + 3 * DVSM_ATTENTION_CHUNK * 32;
+			 DVSM_ATTENTION_MOST_QUERIES * (depth + 16) + 64 * 32 +
+			 DVSM_ATTENTION_CHUNK * 32;
 	size_t floats = queries + keys;
 
 	return (floats > bounded ? floats : bounded) * sizeof(float);

@@ -199,6 +199,43 @@ static void attention_to_equal_keys_is_the_mean_of_the_values(void **state)
 	free_numbers(&out);
 }
 
+static void attention_keeps_its_precision_where_all_scores_are_at_their_bound(void **state)
+{
+	enum { KEYS = 161, DIM = 64 };
+	struct support_guarded q = fill(DIM, 1.0f);
+	struct numbers k = make_numbers(KEYS * DIM, 1.0f), v = make_numbers(KEYS * DIM, 1.0f);
+	struct numbers out = make_numbers(16 * DIM, 1.0f);
+	struct support_guarded scratch = fill(dvsm_attention_scratch(DIM) / sizeof(float), 1.0f);
+
+	(void)state;
+	for (size_t i = 0; i < KEYS * DIM; i++)
+		k.at[i] = dvsm_bf16_round(1.0f);
+	for (size_t t = 0; t < 2 * tier_count; t++) {
+		const struct dvsm_kernels *tier = tiers[t / 2];
+		const float bound = DVSM_ATTENTION_BOUND, score = 0.98f * bound / (float)M_LOG2E;
+		struct dvsm_attention job = {q.data, DIM,    1,   k.at,         v.at, KEYS, DIM,
+					     1,      out.at, DIM, scratch.data, 0,    bound};
+
+		for (size_t d = 0; d < DIM; d++)
+			q.data[d] = (t % 2 ? score : -score) / DIM;
+		tier->attention(&job);
+		for (size_t d = 0; d < DIM; d++) {
+			double mean = 0;
+
+			for (size_t i = 0; i < KEYS; i++)
+				mean += dvsm_bf16_widen(v.at[i * DIM + d]) / KEYS;
+			expect_near(tier->name, "mean of values", d,
+				    dvsm_bf16_widen(out.at[dvsm_left_place(tier, 0, d, DIM)]), mean,
+				    0.5 * BF16_STEP * fabs(mean) + 140 * ROUNDING);
+		}
+	}
+	free_floats(&q);
+	free_floats(&scratch);
+	free_numbers(&k);
+	free_numbers(&v);
+	free_numbers(&out);
+}
+
 static void attention_survives_logits_of_a_thousand(void **state)
 {
 	enum { KEYS = 200, DIM = 64 };
@@ -240,6 +277,7 @@ int main(void)
 		cmocka_unit_test(attention_agrees_for_every_shape),
 		cmocka_unit_test(attention_agrees_where_scores_are_bounded),
 		cmocka_unit_test(attention_writes_its_columns_alone),
+		cmocka_unit_test(attention_keeps_its_precision_where_all_scores_are_at_their_bound),
 		cmocka_unit_test(attention_survives_logits_of_a_thousand),
 		cmocka_unit_test(attention_to_equal_keys_is_the_mean_of_the_values),
 	};
