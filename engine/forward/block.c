@@ -1,6 +1,7 @@
 #include "forward/block.h"
 
 #include <math.h>
+#include <string.h>
 
 /* Most tokens of a tile: the hidden numbers of their MLP fit the second-level cache. */
 #define TILE_TOKENS 256u
@@ -231,23 +232,80 @@ static void project_keys(const struct dvsm_run *run, const struct tile *tile,
 			  DVSM_EPILOGUE_STORE);
 }
 
-/* Those of rows at .. at + rows - 1, with QK-norm, to tokens `first` and on of heads. */
-static void store_keys(const struct dvsm_run *run, const struct tile *tile,
-		       const struct dvsm_half_weights *weights, size_t at, size_t rows,
-		       const struct dvsm_heads *heads, size_t first)
+/* One head's keys and values of rows at .. at + rows - 1, with QK-norm, to k and v. */
+static void finish_keys(const struct dvsm_run *run, const struct tile *tile,
+			const struct dvsm_half_weights *weights, size_t at, size_t rows,
+			size_t head, void *k, void *v)
 {
 	const struct dvsm_model_config *config = &run->model->config;
 	const size_t dim = config->dim, head_dim = dim / config->heads;
-	const float *kv = wide_keys(run, tile) + at * 2 * dim;
+	const float *kv = wide_keys(run, tile) + at * 2 * dim + head * head_dim;
+
+	run->kernels->key_norm(kv, 2 * dim, rows, head_dim, weights->k_norm,
+			       (float)config->norm_eps, k, head_dim);
+	run->kernels->convert(kv + dim, 2 * dim, rows, head_dim, v, head_dim);
+}
+
+/* Of `rows` keys and values from `first` of a head on, those of whole blocks to blocks, the others
+ * as they are. */
+static void place_keys(const struct dvsm_run *run, const void *k, const void *v, size_t rows,
+		       const struct dvsm_heads *heads, size_t head, size_t first)
+{
+	const size_t head_dim = run->model->config.dim / run->model->config.heads;
+	const size_t base = head * heads->total,
+		     ahead = (first + DVSM_BLOCK_KEYS - 1) / DVSM_BLOCK_KEYS * DVSM_BLOCK_KEYS -
+			     first;
+	const size_t before = ahead < rows ? ahead : rows;
+	const size_t whole = (rows - before) / DVSM_BLOCK_KEYS * DVSM_BLOCK_KEYS;
+	const size_t bytes = head_dim * run->kernels->number_bytes;
+	const size_t parts[4] = {0, before, before + whole, rows};
+
+	for (int i = 0; i < 3; i++) {
+		const size_t from = parts[i] * head_dim, count = parts[i + 1] - parts[i];
+		const size_t to = (base + first + parts[i]) * head_dim;
+		void *to_k = dvsm_run_number(run, heads->keys, to);
+		void *to_v = dvsm_run_number(run, heads->values, to);
+		const void *from_k = dvsm_run_read(run, k, from);
+		const void *from_v = dvsm_run_read(run, v, from);
+
+		if (i == 1) {
+			run->kernels->lay(from_k, from_v, count, head_dim, to_k, to_v);
+		} else {
+			memcpy(to_k, from_k, count * bytes);
+			memcpy(to_v, from_v, count * bytes);
+		}
+	}
+}
+
+static bool wants_blocks(const struct dvsm_run *run)
+{
+	const struct dvsm_model_config *config = &run->model->config;
+
+	return dvsm_kernels_want_blocks(run->kernels, config->dim / config->heads);
+}
+
+/* Keys and values of rows at .. at + rows - 1 to tokens `first` and on of heads. Of a block that
+ * other tiles have a part of, the rows are there, but in rows. */
+static void store_keys(const struct dvsm_run *run, const struct tile *tile,
+		       const struct dvsm_half_weights *weights, size_t at, size_t rows,
+		       const struct dvsm_heads *heads, size_t first, uint32_t worker)
+{
+	const struct dvsm_model_config *config = &run->model->config;
+	const size_t head_dim = config->dim / config->heads;
+	void *k = dvsm_run_scratch(run, worker);
+	void *v = dvsm_run_number(run, k, rows * head_dim);
 
 	for (size_t h = 0; h < config->heads; h++) {
 		size_t to = (h * heads->total + first) * head_dim;
 
-		run->kernels->key_norm(kv + h * head_dim, 2 * dim, rows, head_dim, weights->k_norm,
-				       (float)config->norm_eps,
-				       dvsm_run_number(run, heads->keys, to), head_dim);
-		run->kernels->convert(kv + dim + h * head_dim, 2 * dim, rows, head_dim,
-				      dvsm_run_number(run, heads->values, to), head_dim);
+		if (wants_blocks(run)) {
+			finish_keys(run, tile, weights, at, rows, h, k, v);
+			place_keys(run, k, v, rows, heads, h, first);
+		} else {
+			finish_keys(run, tile, weights, at, rows, h,
+				    dvsm_run_number(run, heads->keys, to),
+				    dvsm_run_number(run, heads->values, to));
+		}
 	}
 }
 
@@ -342,13 +400,12 @@ static void keys_task(void *context, size_t index, uint32_t worker)
 	const struct tile tile = find_tile(job, index);
 	struct part part;
 
-	(void)worker;
 	norm(job->run, &tile, weights->norm);
 	project_keys(job->run, &tile, weights);
 	for (part = first_part(job, &tile); part.rows > 0; next_part(job, &tile, &part)) {
 		const struct dvsm_heads own = own_heads(job->run, part.view_row, part.view_tokens);
 
-		store_keys(job->run, &tile, weights, part.at, part.rows, &own, part.first);
+		store_keys(job->run, &tile, weights, part.at, part.rows, &own, part.first, worker);
 	}
 	project_queries(job->run, &tile, weights);
 }
@@ -363,7 +420,7 @@ static void intra_task(void *context, size_t index, uint32_t worker)
 	mix(job->run, &tile, &weights->intra);
 	norm(job->run, &tile, weights->cross.norm);
 	project_keys(job->run, &tile, &weights->cross);
-	store_keys(job->run, &tile, &weights->cross, 0, tile.rows, job->cache, tile.token);
+	store_keys(job->run, &tile, &weights->cross, 0, tile.rows, job->cache, tile.token, worker);
 }
 
 static void cross_task(void *context, size_t index, uint32_t worker)
@@ -388,6 +445,32 @@ static void render_task(void *context, size_t index, uint32_t worker)
 	cross_task(context, index, worker);
 }
 
+/* The blocks of the cache that tiles have parts of: each once its last row is there. */
+static void lay_borders(const struct block_job *job)
+{
+	const struct dvsm_run *run = job->run;
+	const size_t heads = run->model->config.heads, head_dim = run->model->config.dim / heads;
+	const size_t count = DVSM_BLOCK_KEYS * head_dim, bytes = count * run->kernels->number_bytes;
+	unsigned char *rows = dvsm_run_scratch(run, 0);
+
+	for (size_t i = 0; i < count_tiles(job); i++) {
+		const struct tile tile = find_tile(job, i);
+		const size_t first = tile.token / DVSM_BLOCK_KEYS * DVSM_BLOCK_KEYS;
+
+		if (first == tile.token || first + DVSM_BLOCK_KEYS > tile.token + tile.rows)
+			continue;
+		for (size_t h = 0; h < heads; h++) {
+			const size_t at = (h * job->cache->total + first) * head_dim;
+			void *k = dvsm_run_number(run, job->cache->keys, at);
+			void *v = dvsm_run_number(run, job->cache->values, at);
+
+			memcpy(rows, k, bytes);
+			memcpy(rows + bytes, v, bytes);
+			run->kernels->lay(rows, rows + bytes, DVSM_BLOCK_KEYS, head_dim, k, v);
+		}
+	}
+}
+
 static void run_tiles(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
 		      const struct dvsm_heads *cache, dvsm_task_fn *task)
 {
@@ -402,6 +485,11 @@ void dvsm_block_intra(const struct dvsm_run *run, uint32_t layer, const struct d
 	run_tiles(run, layer, group, cache, keys_task);
 	trace_own_heads(run, layer, group);
 	run_tiles(run, layer, group, cache, intra_task);
+	if (wants_blocks(run)) {
+		const struct block_job job = {run, group, layer, cache, dense_rows(run, group)};
+
+		lay_borders(&job);
+	}
 }
 
 void dvsm_block_cross(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,

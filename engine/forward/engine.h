@@ -46,6 +46,15 @@ struct dvsm_fixed_run dvsm_engine_begin_fixed(const struct dvsm_engine *engine,
 					      const struct dvsm_camera *cameras, uint32_t count,
 					      uint32_t patch_px);
 
+/** Whether the cache of a scene is in blocks (kernels/lay.h) for this engine's kernels. */
+static inline bool dvsm_engine_wants_blocks(const struct dvsm_engine *engine)
+{
+	const struct dvsm_model_config *config = &engine->model->config;
+
+	return !engine->fixed &&
+	       dvsm_kernels_want_blocks(engine->kernels, config->dim / config->heads);
+}
+
 /** Of what the model keeps, and what engines of this precision share. */
 static inline size_t dvsm_engine_weight_bytes(const struct dvsm_engine *engine)
 {

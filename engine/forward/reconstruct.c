@@ -131,6 +131,7 @@ enum dvsm_status dvsm_reconstruct(struct dvsm_engine *engine, const struct dvsm_
 	} else if (status == DVSM_OK) {
 		struct dvsm_run run = dvsm_engine_begin(engine, cameras, count, patch_px);
 
+		made->in_blocks = dvsm_engine_wants_blocks(engine);
 		status = run_stage(&run, made, views, progress, progress_context, error);
 	}
 	free(cameras);

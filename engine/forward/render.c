@@ -1,4 +1,5 @@
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/error.h"
@@ -186,6 +187,16 @@ static enum dvsm_status check_batch(const struct dvsm_engine *engine,
 	return status;
 }
 
+/* The scene as these kernels read it: itself, unless an engine of another tier made it. */
+static enum dvsm_status turn_scene(const struct dvsm_engine *engine, const struct dvsm_scene *scene,
+				   struct dvsm_scene *turned, struct dvsm_error *error)
+{
+	*turned = *scene;
+	if (scene->in_blocks == dvsm_engine_wants_blocks(engine))
+		return DVSM_OK;
+	return dvsm_scene_reorder(scene, &turned->keys, &turned->values, error);
+}
+
 enum dvsm_status dvsm_render_batch(struct dvsm_engine *engine, const struct dvsm_scene *scene,
 				   const struct dvsm_camera *cameras, uint32_t count,
 				   uint32_t patch_px, const struct dvsm_picture_out *out,
@@ -195,10 +206,13 @@ enum dvsm_status dvsm_render_batch(struct dvsm_engine *engine, const struct dvsm
 	enum dvsm_status status = check_batch(engine, scene, cameras, count, &patch_px, out, error);
 	size_t first_token[TOGETHER + 1], tokens = 0;
 	_Atomic uint64_t clamped = 0;
+	struct dvsm_scene turned;
 	struct dvsm_group group;
 
 	if (status == DVSM_OK)
 		status = reserve(engine, cameras, count, patch_px, error);
+	if (status == DVSM_OK)
+		status = turn_scene(engine, scene, &turned, error);
 	if (status != DVSM_OK)
 		return status;
 	for (uint32_t at = 0; at < count; at += group.views) {
@@ -209,11 +223,13 @@ enum dvsm_status dvsm_render_batch(struct dvsm_engine *engine, const struct dvsm
 									    group.views, patch_px);
 
 			run.clamped = &clamped;
-			dvsm_fixed_render(&run, scene, &group, cameras + at, patch_px, out + at);
+			dvsm_fixed_render(&run, &turned, &group, cameras + at, patch_px, out + at);
 		} else {
-			run_stage(engine, scene, &group, cameras + at, patch_px, out + at);
+			run_stage(engine, &turned, &group, cameras + at, patch_px, out + at);
 		}
 	}
+	if (turned.keys != scene->keys)
+		free(turned.keys);
 	if (stats) {
 		*stats = (struct dvsm_stats){
 			.views = scene->views,

@@ -23,7 +23,7 @@ struct dvsm_run {
 
 /**
  * Keys and values of one layer, numbers [heads][total][head_dim] each, of which a step may fill a
- * part.
+ * part; each head in blocks (kernels/lay.h) where the kernels want them.
  */
 struct dvsm_heads {
 	void *keys, *values;

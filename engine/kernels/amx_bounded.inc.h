@@ -5,22 +5,25 @@
  * A weight is 2^score as it is, so that no maximum is looked for and nothing is rescaled. Queries
  * are rows: 32 of them and a chunk of keys make a unit of work. The tiles' unit makes scores of one
  * block of 32 keys, then weighted values of the unit before, while the vectors' units turn the rows
- * of the block before to weights, some behind each product. All keys that are laid pass by the
- * first-level cache, where scores, weights and sums of two units stay.
+ * of the block before to weights, some behind each product. Keys and values pass by the first-level
+ * cache, where scores, weights and sums of two units stay.
  */
 
 #define UNIT   32u
 #define BLOCKS (DVSM_ATTENTION_CHUNK / DEPTH)
-#define LAID   DVSM_ATTENTION_LAID
+
+/* Keys that all queries pass by before the next ones come: they stay in the second-level cache. */
+#define SECTION 512u
 
 struct bounded {
 	size_t head_dim, query_rows;
-	vf lift;     /* takes scores to 255 - 2 bound .. 255 */
-	number *q;   /* [query_rows][head_dim] in tiles, times scale log2(e) */
-	float *out;  /* [query_rows][head_dim] */
-	float *sums; /* [query_rows][16]: of weights, by key modulo 16 */
-	number *k;   /* [LAID] keys as the weights of a product: [LAID / 16][head_dim / 2][16][2] */
-	number *v;   /* values: [LAID / 32][head_dim / 16][16 pairs][16][2], see lay_values() */
+	vf lift;                 /* takes scores to 255 - 2 bound .. 255 */
+	number *q;               /* [query_rows][head_dim] in tiles, times scale log2(e) */
+	float *out;              /* [query_rows][head_dim] */
+	float *sums;             /* [query_rows][16]: of weights, by key modulo 16 */
+	const number *k, *v;     /* in blocks */
+	size_t whole;            /* keys of whole blocks; the others are in a block of their own: */
+	number *last_k, *last_v; /* [32][head_dim], filled up with zeros */
 	float (*scores)[UNIT][2 * TILE]; /* [2] of blocks */
 	number *weights;                 /* [2] of units: [BLOCKS][UNIT][32] */
 };
@@ -62,45 +65,11 @@ static void lay_queries(const struct bounded *b, const struct dvsm_attention *jo
 	}
 }
 
-/* Keys to tiles of pairs of depth, zeros up to a whole block. */
-static void lay_keys(const struct bounded *b, const number *k, size_t keys)
+/* Where a block begins of keys, or of values. */
+static inline const number *block_of(const struct bounded *b, const number *blocks,
+				     const number *last, size_t key)
 {
-	const size_t whole = (keys + DEPTH - 1) / DEPTH * DEPTH;
-
-	for (size_t key = 0; key < whole; key += TILE) {
-		for (size_t d = 0; d < b->head_dim; d += DEPTH) {
-			__m512i rows[TILE];
-
-			for (size_t i = 0; i < TILE; i++) {
-				rows[i] = _mm512_setzero_si512();
-				if (key + i < keys)
-					rows[i] =
-						_mm512_loadu_si512(k + (key + i) * b->head_dim + d);
-			}
-			turn_block(rows, (unsigned char *)(b->k + key * b->head_dim + d * TILE),
-				   64);
-		}
-	}
-}
-
-/* Values to tiles of pairs of keys, zeros up to a whole block; a key's other one is 16 behind. */
-static void lay_values(const struct bounded *b, const number *v, size_t keys)
-{
-	const size_t whole = (keys + DEPTH - 1) / DEPTH * DEPTH;
-
-	for (size_t key = 0; key < whole; key += DEPTH) {
-		for (size_t d = 0; d < b->head_dim; d += TILE) {
-			number *to = b->v + key * b->head_dim + d * DEPTH;
-
-			for (size_t i = 0; i < TILE; i++, to += 2 * TILE) {
-				__m512i one = value_lanes(v, keys, b->head_dim, key + i, d);
-				__m512i two = value_lanes(v, keys, b->head_dim, key + TILE + i, d);
-
-				_mm512_storeu_si512(
-					to, _mm512_or_si512(one, _mm512_slli_epi32(two, 16)));
-			}
-		}
-	}
+	return key < b->whole ? blocks + key * b->head_dim : last;
 }
 
 /*
@@ -173,7 +142,7 @@ DVSM_INLINE void score_unit(const struct bounded *b, const size_t dim, const str
 			    size_t block, struct weighing *w, const size_t share)
 {
 	const number *q = b->q + left_at(unit->query, 0, dim);
-	const number *k = b->k + (unit->key + block * DEPTH) * dim;
+	const number *k = block_of(b, b->k, b->last_k, unit->key + block * DEPTH);
 	float *scores = b->scores[block % 2][0];
 
 	if (block >= unit->blocks)
@@ -194,7 +163,6 @@ DVSM_INLINE void mix_unit(const struct bounded *b, const size_t dim, const struc
 			  size_t d, const struct unit *young, size_t next, struct weighing *w,
 			  const size_t share)
 {
-	const number *v = b->v + old->key * dim + d * DEPTH;
 	float *out = b->out + old->query * dim + d;
 
 	AMX_LOAD(0, out, dim * sizeof(float));
@@ -204,13 +172,14 @@ DVSM_INLINE void mix_unit(const struct bounded *b, const size_t dim, const struc
 	DVSM_UNROLL
 	for (size_t block = 0; block < BLOCKS; block++) {
 		const number *p = old->weights + block * UNIT * DEPTH;
-		const number *values = v + block * DEPTH * dim;
+		const number *v =
+			d * DEPTH + block_of(b, b->v, b->last_v, old->key + block * DEPTH);
 
 		if (block == BLOCKS / 2 && next < BLOCKS)
 			weigh_next(b, w, young, next);
 		if (block < old->blocks)
-			MULTIPLY_STEP(p, p + TILE * DEPTH, values, values + TILE * DEPTH, STREAM_W,
-				      NOTHING, weigh_rows(b, w, share));
+			MULTIPLY_STEP(p, p + TILE * DEPTH, v, v + TILE * DEPTH, STREAM_W, NOTHING,
+				      weigh_rows(b, w, share));
 	}
 	AMX_STORE(0, out, dim * sizeof(float));
 	AMX_STORE(1, out + TILE, dim * sizeof(float));
@@ -261,8 +230,8 @@ static void advance_any(const struct bounded *b, const struct unit *young, const
 	advance(b, b->head_dim, young, old, w);
 }
 
-/* Keys and values that are laid next, of this head or of the one behind it, to the second-level
- * cache; what is not there does no harm. */
+/* Keys and values that come next, of this head or of the one behind it, to the second-level cache;
+ * what is not there does no harm. */
 static inline void call_numbers(const number *k, const number *v, size_t count)
 {
 	for (size_t i = 0; i < count; i += 64 / sizeof(*k)) {
@@ -271,20 +240,21 @@ static inline void call_numbers(const number *k, const number *v, size_t count)
 	}
 }
 
-/* All queries with the keys and values that are laid; `k` and `v` come next. */
-static void attend_laid(const struct bounded *b, size_t keys, const number *k, const number *v)
+/* All queries with keys first .. end - 1, while those behind `end` are called. */
+static void attend_section(const struct bounded *b, size_t first, size_t end)
 {
-	const size_t chunk = BLOCKS * DEPTH;
+	const size_t chunk = BLOCKS * DEPTH, keys = end - first;
+	const number *k = b->k + end * b->head_dim, *v = b->v + end * b->head_dim;
 	const size_t units = b->query_rows / UNIT * ((keys + chunk - 1) / chunk);
-	const size_t share = units ? LAID * b->head_dim / units : 0;
+	const size_t share = units ? SECTION * b->head_dim / units : 0;
 	const struct unit none = {.blocks = 0};
 	struct unit old = none;
 	struct weighing w = {.left = 0};
 	size_t turn = 0;
 
 	for (size_t query = 0; query < b->query_rows; query += UNIT) {
-		for (size_t key = 0; key < keys; key += chunk, turn ^= 1) {
-			const size_t left = keys - key < chunk ? keys - key : chunk;
+		for (size_t key = first; key < end; key += chunk, turn ^= 1) {
+			const size_t left = end - key < chunk ? end - key : chunk;
 			const struct unit young = {
 				.query = query,
 				.key = key,
@@ -306,32 +276,40 @@ static void attend_laid(const struct bounded *b, size_t keys, const number *k, c
 	advance_any(b, &none, &old, &w);
 }
 
+/* The keys and values behind the whole blocks to theirs. */
+static void lay_last(const struct bounded *b, size_t keys)
+{
+	const number *k = b->k + b->whole * b->head_dim, *v = b->v + b->whole * b->head_dim;
+
+	lay_keys(k, keys, DEPTH, b->head_dim, b->last_k);
+	lay_values(v, keys, DEPTH, b->head_dim, b->last_v);
+}
+
 static void attention_bounded(const struct dvsm_attention *job)
 {
 	const size_t dim = job->head_dim, rows = (job->queries + UNIT - 1) / UNIT * UNIT;
-	const number *k = job->k, *v = job->v;
 	struct bounded b = {
 		.head_dim = dim,
 		.query_rows = rows,
 		.lift = vf_set(255.0f - job->bound),
-		.k = job->scratch,
+		.k = job->k,
+		.v = job->v,
+		.whole = job->keys / DEPTH * DEPTH,
+		.last_k = job->scratch,
 	};
 
-	b.v = b.k + LAID * dim;
-	b.q = b.v + LAID * dim;
+	b.last_v = b.last_k + DEPTH * dim;
+	b.q = b.last_v + DEPTH * dim;
 	b.out = (float *)(b.q + rows * dim);
 	b.sums = b.out + rows * dim;
 	b.scores = (float(*)[UNIT][2 * TILE])(b.sums + rows * TILE);
 	b.weights = (number *)b.scores[2];
 	lay_queries(&b, job);
 	memset(b.out, 0, rows * (dim + TILE) * sizeof(float));
-	for (size_t key = 0; key < job->keys; key += LAID) {
-		const size_t keys = job->keys - key < LAID ? job->keys - key : LAID;
-
-		lay_keys(&b, k + key * dim, keys);
-		lay_values(&b, v + key * dim, keys);
-		attend_laid(&b, keys, k + (key + keys) * dim, v + (key + keys) * dim);
-	}
+	if (b.whole < job->keys)
+		lay_last(&b, job->keys - b.whole);
+	for (size_t key = 0; key < job->keys; key += SECTION)
+		attend_section(&b, key, job->keys - key < SECTION ? job->keys : key + SECTION);
 	for (size_t i = 0; i < job->queries; i++) {
 		float total = vf_sum(vf_load(b.sums + i * TILE));
 		vf inverse = vf_set(job->keys > 0 ? 1.0f / total : 0.0f);

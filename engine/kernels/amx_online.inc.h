@@ -134,50 +134,6 @@ static void value_block(const struct attention_state *state, size_t head_dim, si
 	}
 }
 
-/* out[j][i] = in[i][j] of 32-bit elements; rows of `out` are out_stride bytes apart. */
-static void turn_block(__m512i in[TILE], unsigned char *out, size_t out_stride)
-{
-	__m512i a[TILE], b[TILE];
-
-	for (size_t i = 0; i < TILE; i += 2) {
-		a[i] = _mm512_unpacklo_epi32(in[i], in[i + 1]);
-		a[i + 1] = _mm512_unpackhi_epi32(in[i], in[i + 1]);
-	}
-	for (size_t i = 0; i < TILE; i += 4) {
-		b[i] = _mm512_unpacklo_epi64(a[i], a[i + 2]);
-		b[i + 1] = _mm512_unpackhi_epi64(a[i], a[i + 2]);
-		b[i + 2] = _mm512_unpacklo_epi64(a[i + 1], a[i + 3]);
-		b[i + 3] = _mm512_unpackhi_epi64(a[i + 1], a[i + 3]);
-	}
-	/* b[4 r + c], quarter l, is column 4 l + c of rows 4 r and on. */
-	for (size_t c = 0; c < 4; c++) {
-		__m512i low = _mm512_shuffle_i32x4(b[c], b[c + 4], 0x88);
-		__m512i high = _mm512_shuffle_i32x4(b[c], b[c + 4], 0xdd);
-		__m512i low2 = _mm512_shuffle_i32x4(b[c + 8], b[c + 12], 0x88);
-		__m512i high2 = _mm512_shuffle_i32x4(b[c + 8], b[c + 12], 0xdd);
-
-		_mm512_storeu_si512(out + c * out_stride, _mm512_shuffle_i32x4(low, low2, 0x88));
-		_mm512_storeu_si512(out + (c + 4) * out_stride,
-				    _mm512_shuffle_i32x4(high, high2, 0x88));
-		_mm512_storeu_si512(out + (c + 8) * out_stride,
-				    _mm512_shuffle_i32x4(low, low2, 0xdd));
-		_mm512_storeu_si512(out + (c + 12) * out_stride,
-				    _mm512_shuffle_i32x4(high, high2, 0xdd));
-	}
-}
-
-/* Sixteen numbers of a key's value, 0 where there are none. */
-static inline __m512i value_lanes(const number *v, size_t keys, size_t head_dim, size_t key,
-				  size_t d)
-{
-	const size_t left = key < keys && d < head_dim ? head_dim - d : 0;
-	const __mmask16 lanes = left >= TILE ? 0xffff : (__mmask16)((1u << left) - 1);
-
-	if (left == 0)
-		return _mm512_setzero_si512();
-	return _mm512_cvtepu16_epi32(_mm256_maskz_loadu_epi16(lanes, v + key * head_dim + d));
-}
-
 /* Values to their turned place, pairs of keys as 32-bit elements, zeros behind keys and head. */
 static void turn_values(const struct attention_state *state, const number *v, size_t keys,
 			size_t head_dim)
@@ -211,10 +167,29 @@ static void clear_weights(const struct attention_state *state, size_t keys)
 	       (to - from) * QUERY_LANES * sizeof(number));
 }
 
+/* Behind the turned values: keys and values row by row, where they come in blocks. */
+static const number *in_rows(const struct attention_state *state, const number **v, const number *k,
+			     size_t keys, size_t head_dim)
+{
+	const size_t whole = keys / DEPTH * DEPTH, left = (keys - whole) * head_dim;
+	number *rows = turned_values(state, head_dim) + head_dim * DVSM_ATTENTION_KEYS;
+	number *values = rows + head_dim * DVSM_ATTENTION_KEYS;
+
+	unlay_keys(k, whole, head_dim, rows);
+	unlay_values(*v, whole, head_dim, values);
+	memcpy(rows + whole * head_dim, k + whole * head_dim, left * sizeof(number));
+	memcpy(values + whole * head_dim, *v + whole * head_dim, left * sizeof(number));
+	amx_publish();
+	*v = values;
+	return rows;
+}
+
 /* One tile of up to DVSM_ATTENTION_KEYS keys. */
 static void attend(const struct attention_state *state, const number *k, const number *v,
 		   size_t keys, size_t head_dim)
 {
+	if (head_dim % DEPTH == 0)
+		k = in_rows(state, &v, k, keys, head_dim);
 	for (size_t key = 0; key < keys; key += 2 * TILE) {
 		for (size_t query = 0; query < QUERY_LANES; query += 2 * TILE)
 			score_block(state, k, keys, head_dim, key, query);

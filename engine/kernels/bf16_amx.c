@@ -25,6 +25,8 @@
 #include "kernels/gemm_finish.inc.h"
 
 #include "kernels/amx_gemm.inc.h"
+#include "kernels/amx_lay.inc.h"
+
 #include "kernels/amx_online.inc.h"
 
 #include "kernels/amx_bounded.inc.h"
@@ -58,5 +60,6 @@ const struct dvsm_kernels dvsm_kernels_bf16_amx = {
 	.convert = convert,
 	.left = left,
 	.attention = attention_on_tiles,
+	.lay = lay,
 	.to_colour = to_colour,
 };

@@ -28,6 +28,7 @@
 #include <stdint.h>
 
 #include "dvsm/engine.h"
+#include "kernels/lay.h"
 #include "kernels/pack.h"
 
 /** Most queries that one attention call takes, and most that any table takes. */
@@ -94,8 +95,8 @@ struct dvsm_attention {
 	const float *q; /* [queries][head_dim], rows q_stride apart */
 	size_t q_stride;
 	size_t queries; /* 0..attention_queries */
-	const void *k;  /* numbers [keys][head_dim], contiguous */
-	const void *v;  /* numbers [keys][head_dim], contiguous */
+	const void *k;  /* numbers [keys][head_dim], contiguous; in blocks (lay.h) where */
+	const void *v;  /* dvsm_kernels_want_blocks() says so, likewise */
 	size_t keys;
 	size_t head_dim; /* >= 1 */
 	float scale;     /* scores are scale q.k */
@@ -117,6 +118,15 @@ struct dvsm_attention {
  */
 typedef void dvsm_attention_fn(const struct dvsm_attention *job);
 
+/**
+ * Keys and values of whole blocks, row by row, to blocks (lay.h).
+ *
+ * k, v       numbers [keys][head_dim] each, keys a multiple of 32, head_dim too
+ * to_k, to_v of as many numbers; not k, v
+ */
+typedef void dvsm_lay_fn(const void *k, const void *v, size_t keys, size_t head_dim, void *to_k,
+			 void *to_v);
+
 /** Network output to colour: y = 1 / (1 + exp(-y)) with sigmoid, 0.5 + 0.5 y without. */
 typedef void dvsm_to_colour_fn(float *y, size_t count, bool sigmoid);
 
@@ -135,6 +145,7 @@ struct dvsm_kernels {
 	dvsm_convert_fn *convert;
 	dvsm_left_fn *left;
 	dvsm_attention_fn *attention;
+	dvsm_lay_fn *lay; /* NULL where attention wants no blocks */
 	dvsm_to_colour_fn *to_colour;
 };
 
@@ -164,21 +175,27 @@ static inline size_t dvsm_left_size(const struct dvsm_kernels *kernels, size_t r
 	return kernels->tiled ? strips * DVSM_TILE_ROWS * dvsm_bf16_depth(stride) : rows * stride;
 }
 
-/** Keys and values that AMX lays in tiles at a time, and those it takes in between two products. */
-#define DVSM_ATTENTION_LAID  512u
+/** Whether attention wants keys and values in blocks. */
+static inline bool dvsm_kernels_want_blocks(const struct dvsm_kernels *kernels, size_t head_dim)
+{
+	return kernels->lay && head_dim % DVSM_BLOCK_KEYS == 0;
+}
+
+/** Keys that AMX mixes between two stores of the sums. */
 #define DVSM_ATTENTION_CHUNK 128u
 
 /**
  * Bytes of scratch for one attention call: q and out transposed, a tile of scores, three rows, and
- * a tile of keys and one of values, of which AMX wants whole tiles. Or, for AMX with a bound: keys
- * and values in tiles, q and out of all queries, their sums, and two times scores and weights.
+ * a tile of keys and one of values, of which AMX wants whole tiles. Or, for AMX with a bound: a
+ * block of keys and one of values, q and out of all queries, their sums, and two times scores and
+ * weights.
  */
 static inline size_t dvsm_attention_scratch(size_t head_dim)
 {
 	size_t queries = (2 * head_dim + DVSM_ATTENTION_KEYS + 3) * DVSM_ATTENTION_QUERIES;
 	size_t keys = 2 * DVSM_ATTENTION_KEYS * dvsm_bf16_depth(head_dim);
 	size_t depth = dvsm_bf16_depth(head_dim);
-	size_t bounded = (DVSM_ATTENTION_LAID + DVSM_ATTENTION_MOST_QUERIES / 2) * depth +
+	size_t bounded = (DVSM_BLOCK_KEYS + DVSM_ATTENTION_MOST_QUERIES / 2) * depth +
 			 DVSM_ATTENTION_MOST_QUERIES * (depth + 16) + 64 * 32 +
 			 DVSM_ATTENTION_CHUNK * 32;
 	size_t floats = queries + keys;

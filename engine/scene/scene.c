@@ -190,6 +190,23 @@ const char *dvsm_scene_get_model_sha256(const struct dvsm_scene *scene)
 	return scene->model_sha256;
 }
 
+/* Bytes of the keys, or of the values, in rows. */
+static void hash_heads(const struct dvsm_scene *scene, enum dvsm_block_order order,
+		       const dvsm_bf16 *numbers, struct dvsm_sha256 *hash)
+{
+	const size_t head_dim = scene->dim / scene->heads, heads = scene->layers * scene->heads;
+	for (size_t head = 0; head < heads; head++, numbers += scene->tokens * head_dim) {
+		for (size_t at = 0; at < scene->tokens * head_dim; at += DVSM_BLOCK_KEYS) {
+			dvsm_bf16 part[DVSM_BLOCK_KEYS];
+			for (size_t i = 0; i < DVSM_BLOCK_KEYS; i++)
+				part[i] = numbers[dvsm_block_place(order, at / head_dim,
+								   at % head_dim + i, scene->tokens,
+								   head_dim)];
+			dvsm_sha256_update(hash, part, sizeof(part));
+		}
+	}
+}
+
 void dvsm_scene_hash_cache(const struct dvsm_scene *scene, char hex[65])
 {
 	const struct dvsm_fixed_cache *fixed = &scene->fixed;
@@ -201,6 +218,9 @@ void dvsm_scene_hash_cache(const struct dvsm_scene *scene, char hex[65])
 		dvsm_sha256_update(&hash, fixed->k_scale, numbers * sizeof(*fixed->k_scale));
 		dvsm_sha256_update(&hash, fixed->v_scale, numbers * sizeof(*fixed->v_scale));
 		dvsm_sha256_update(&hash, fixed->v_mean, numbers * sizeof(*fixed->v_mean));
+	} else if (scene->in_blocks) {
+		hash_heads(scene, DVSM_BLOCK_OF_KEYS, scene->keys, &hash);
+		hash_heads(scene, DVSM_BLOCK_OF_VALUES, scene->values, &hash);
 	} else {
 		size_t bytes = numbers * scene->tokens * dvsm_cache_number_bytes(scene->precision);
 		dvsm_sha256_update(&hash, scene->keys, bytes);
@@ -217,6 +237,18 @@ void dvsm_hash_bytes(const void *bytes, size_t size, char hex[65])
 	dvsm_sha256_finish(&hash, hex);
 }
 
+/* The keys of a layer, or its values, in blocks. */
+static void expand_heads(const struct dvsm_scene *scene, enum dvsm_block_order order,
+			 const dvsm_bf16 *numbers, float *floats)
+{
+	const size_t head_dim = scene->dim / scene->heads, count = scene->tokens * head_dim;
+	for (uint32_t head = 0; head < scene->heads; head++, numbers += count, floats += count) {
+		for (size_t i = 0; i < count; i++)
+			floats[i] = dvsm_bf16_widen(numbers[dvsm_block_place(
+				order, i / head_dim, i % head_dim, scene->tokens, head_dim)]);
+	}
+}
+
 enum dvsm_status dvsm_scene_copy_cache(const struct dvsm_scene *scene, uint32_t layer, float *keys,
 				       float *values)
 {
@@ -224,6 +256,12 @@ enum dvsm_status dvsm_scene_copy_cache(const struct dvsm_scene *scene, uint32_t 
 		return DVSM_BAD_ARG;
 	if (scene->precision == DVSM_PRECISION_FIXED)
 		return DVSM_UNSUPPORTED;
+	if (scene->in_blocks) {
+		expand_heads(scene, DVSM_BLOCK_OF_KEYS, dvsm_scene_keys(scene, layer, 0), keys);
+		expand_heads(scene, DVSM_BLOCK_OF_VALUES, dvsm_scene_values(scene, layer, 0),
+			     values);
+		return DVSM_OK;
+	}
 	size_t count = scene->tokens * scene->dim;
 	enum dvsm_dtype dtype = dvsm_scene_dtype(scene->precision);
 	dvsm_dtype_expand(dtype, dvsm_scene_keys(scene, layer, 0), count, keys);

@@ -10,7 +10,7 @@
 #include "dvsm/scene.h"
 #include "fixed/cache.h"
 #include "geometry/pose.h"
-#include "kernels/bf16.h"
+#include "kernels/lay.h"
 #include "model/model.h"
 
 /**
@@ -38,6 +38,7 @@ struct dvsm_scene {
 	 * begins; cache_bytes covers both. In fixed they are those of `fixed`.
 	 */
 	void *keys, *values;
+	bool in_blocks; /* each head is in blocks (kernels/lay.h); bf16 alone */
 	struct dvsm_fixed_cache fixed;
 	size_t cache_bytes;
 };
@@ -56,13 +57,13 @@ static inline size_t dvsm_scene_head_at(const struct dvsm_scene *scene, uint32_t
 	       dvsm_cache_number_bytes(scene->precision);
 }
 
-/** Keys of one head of one layer: [tokens][dim / heads]. */
+/** Keys of one head of one layer: [tokens][dim / heads], or in blocks. */
 static inline void *dvsm_scene_keys(const struct dvsm_scene *scene, uint32_t layer, uint32_t head)
 {
 	return (unsigned char *)scene->keys + dvsm_scene_head_at(scene, layer, head);
 }
 
-/** Values of one head of one layer: [tokens][dim / heads]. */
+/** Values of one head of one layer, likewise. */
 static inline void *dvsm_scene_values(const struct dvsm_scene *scene, uint32_t layer, uint32_t head)
 {
 	return (unsigned char *)scene->values + dvsm_scene_head_at(scene, layer, head);
@@ -102,6 +103,20 @@ enum dvsm_status dvsm_scene_allocate(const struct dvsm_model_config *config,
 enum dvsm_status dvsm_scene_make(const struct dvsm_scene *sizes, bool with_cache,
 				 struct dvsm_scene **scene, struct dvsm_error *error);
 void dvsm_scene_place_cameras(struct dvsm_scene *scene);
+
+/**
+ * The keys and values of a bf16 scene in the other order: in rows, if it has them in blocks.
+ *
+ * keys, values   receive what one free(*keys) releases; untouched on failure
+ */
+enum dvsm_status dvsm_scene_reorder(const struct dvsm_scene *scene, void **keys, void **values,
+				    struct dvsm_error *error);
+
+/**
+ * A bf16 scene's own keys and values from rows to blocks, if this machine's best kernels want them
+ * so. DVSM_NO_MEM leaves them in rows.
+ */
+enum dvsm_status dvsm_scene_lay(struct dvsm_scene *scene, struct dvsm_error *error);
 
 /**
  * Open a scene from the bytes of its file; `name` stands for the file in error texts. `model` may

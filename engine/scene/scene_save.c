@@ -105,14 +105,23 @@ enum dvsm_status dvsm_scene_save(const struct dvsm_scene *scene, const char *pat
 {
 	if (!scene || !path)
 		return dvsm_fail(error, DVSM_BAD_ARG, "no scene, or no file to save it to");
+	struct dvsm_scene rows = *scene; /* as it lies in the file */
+	enum dvsm_status status = DVSM_OK;
+	if (scene->in_blocks)
+		status = dvsm_scene_reorder(scene, &rows.keys, &rows.values, error);
+	if (status != DVSM_OK)
+		return status;
 	double *cameras =
 		calloc((size_t)scene->views * DVSM_SCENE_CAMERA_NUMBERS, sizeof(*cameras));
 	if (!cameras)
-		return dvsm_fail(error, DVSM_NO_MEM, "%s: no memory to write it",
-				 dvsm_name_tail(path));
-	for (uint32_t i = 0; i < scene->views; i++)
+		status = dvsm_fail(error, DVSM_NO_MEM, "%s: no memory to write it",
+				   dvsm_name_tail(path));
+	for (uint32_t i = 0; cameras && i < scene->views; i++)
 		pack_camera(&scene->cameras[i], cameras + (size_t)i * DVSM_SCENE_CAMERA_NUMBERS);
-	enum dvsm_status status = write_scene(scene, cameras, path, error);
+	if (status == DVSM_OK)
+		status = write_scene(&rows, cameras, path, error);
 	free(cameras);
+	if (scene->in_blocks)
+		free(rows.keys);
 	return status;
 }

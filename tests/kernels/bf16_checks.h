@@ -95,7 +95,7 @@ static inline int find_tiers(const char *program)
 			tiers[tier_count++] = all[i];
 	}
 #if defined(__x86_64__)
-	if (present & DVSM_CPU_AVX512_BF16)
+	if ((present & DVSM_CPU_AVX512_BF16) && __builtin_cpu_supports("avx512vbmi2"))
 		tiers[tier_count++] = &amx_model_bf16_kernels;
 #endif
 	for (size_t t = 0; t < tier_count; t++)

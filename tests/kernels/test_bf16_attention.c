@@ -25,6 +25,66 @@ static double attention_tolerance(const struct attention_shape *shape)
 	return 2 * (BF16_STEP + EXP2_ERROR + score + flips) + BF16_STEP;
 }
 
+/* Rows of numbers as a table's attention wants them. */
+static struct numbers laid_for(const struct dvsm_kernels *kernels, enum dvsm_block_order order,
+			       const struct numbers *rows, size_t dim)
+{
+	struct numbers made = make_numbers(rows->count, 1.0f);
+
+	if (dvsm_kernels_want_blocks(kernels, dim))
+		dvsm_lay_head(order, rows->at, rows->count / dim, dim, made.at);
+	else if (rows->count > 0)
+		memcpy(made.at, rows->at, rows->count * sizeof(*made.at));
+	return made;
+}
+
+/* One call with keys and values that lie row by row. */
+static void attend(const struct dvsm_kernels *kernels, struct dvsm_attention job,
+		   const struct numbers *k, const struct numbers *v)
+{
+	struct numbers keys = laid_for(kernels, DVSM_BLOCK_OF_KEYS, k, job.head_dim);
+	struct numbers values = laid_for(kernels, DVSM_BLOCK_OF_VALUES, v, job.head_dim);
+
+	job.k = keys.at;
+	job.v = values.at;
+	kernels->attention(&job);
+	free_numbers(&keys);
+	free_numbers(&values);
+}
+
+static void blocks_are_laid_as_their_order_says(void **state)
+{
+	static const size_t dims[] = {32, 64, 96, 128};
+
+	(void)state;
+	for (size_t t = 0; t < tier_count; t++) {
+		for (int round = 0; tiers[t]->lay && round < 40; round++) {
+			const size_t keys = 32 * (1 + support_random_below(&rng, 4));
+			const size_t dim = dims[support_random_below(&rng, COUNT(dims))];
+			struct numbers k = make_numbers(keys * dim, 1.0f);
+			struct numbers v = make_numbers(keys * dim, 1.0f);
+			struct numbers want_k = laid_for(tiers[t], DVSM_BLOCK_OF_KEYS, &k, dim);
+			struct numbers want_v = laid_for(tiers[t], DVSM_BLOCK_OF_VALUES, &v, dim);
+			struct numbers got_k = make_numbers(keys * dim, 1.0f);
+			struct numbers got_v = make_numbers(keys * dim, 1.0f);
+
+			tiers[t]->lay(k.at, v.at, keys, dim, got_k.at, got_v.at);
+			assert_memory_equal(got_k.at, want_k.at, k.count * sizeof(*k.at));
+			assert_memory_equal(got_v.at, want_v.at, v.count * sizeof(*v.at));
+			dvsm_unlay_head(DVSM_BLOCK_OF_KEYS, want_k.at, keys, dim, got_k.at);
+			dvsm_unlay_head(DVSM_BLOCK_OF_VALUES, want_v.at, keys, dim, got_v.at);
+			assert_memory_equal(got_k.at, k.at, k.count * sizeof(*k.at));
+			assert_memory_equal(got_v.at, v.at, v.count * sizeof(*v.at));
+			free_numbers(&k);
+			free_numbers(&v);
+			free_numbers(&want_k);
+			free_numbers(&want_v);
+			free_numbers(&got_k);
+			free_numbers(&got_v);
+		}
+	}
+}
+
 static void check_attention(const struct dvsm_kernels *kernels, const struct attention_shape *shape)
 {
 	size_t q_count = shape->queries ? (shape->queries - 1) * shape->q_stride + shape->dim : 0;
@@ -59,7 +119,7 @@ static void check_attention(const struct dvsm_kernels *kernels, const struct att
 		want.at[i] = got.at[left_at(kernels, i, shape->out_stride)];
 	dvsm_kernels_bf16_scalar.attention(&job);
 	job.out = got.at;
-	kernels->attention(&job);
+	attend(kernels, job, &k, &v);
 	for (size_t i = 0; i < out_count; i++) {
 		bool between = i % shape->out_stride >= shape->dim;
 
@@ -139,11 +199,11 @@ static void attention_writes_its_columns_alone(void **state)
 					     scratch.data, 0,   0};
 
 		memset(out.at, 0, out.count * sizeof(*out.at));
-		tiers[t]->attention(&job);
+		attend(tiers[t], job, &k, &v);
 		job.out = out.at;
 		job.out_stride = STRIDE;
 		job.out_col = DIM;
-		tiers[t]->attention(&job);
+		attend(tiers[t], job, &k, &v);
 		for (size_t i = 0; i < QUERIES; i++) {
 			for (size_t d = 0; d < STRIDE; d++) {
 				dvsm_bf16 got = out.at[dvsm_left_place(tiers[t], i, d, STRIDE)];
@@ -179,7 +239,7 @@ static void attention_to_equal_keys_is_the_mean_of_the_values(void **state)
 		struct dvsm_attention job = {q.data, DIM,    1,   k.at,         v.at, KEYS, DIM,
 					     1,      out.at, DIM, scratch.data, 0,    0};
 
-		tiers[t]->attention(&job);
+		attend(tiers[t], job, &k, &v);
 		for (size_t d = 0; d < DIM; d++) {
 			double mean = 0;
 
@@ -218,7 +278,7 @@ static void attention_keeps_its_precision_where_all_scores_are_at_their_bound(vo
 
 		for (size_t d = 0; d < DIM; d++)
 			q.data[d] = (t % 2 ? score : -score) / DIM;
-		tier->attention(&job);
+		attend(tier, job, &k, &v);
 		for (size_t d = 0; d < DIM; d++) {
 			double mean = 0;
 
@@ -252,7 +312,7 @@ static void attention_survives_logits_of_a_thousand(void **state)
 		struct dvsm_attention job = {q.data, DIM,    1,   k.at,         v.at, KEYS, DIM,
 					     0.125,  out.at, DIM, scratch.data, 0,    0};
 
-		tiers[t]->attention(&job);
+		attend(tiers[t], job, &k, &v);
 		for (size_t d = 0; d < DIM; d++)
 			expect_near(tiers[t]->name, "value", d,
 				    dvsm_bf16_widen(out.at[dvsm_left_place(tiers[t], 0, d, DIM)]),
@@ -274,6 +334,7 @@ static int set_up(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(blocks_are_laid_as_their_order_says),
 		cmocka_unit_test(attention_agrees_for_every_shape),
 		cmocka_unit_test(attention_agrees_where_scores_are_bounded),
 		cmocka_unit_test(attention_writes_its_columns_alone),

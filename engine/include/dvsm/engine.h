@@ -58,8 +58,10 @@ struct dvsm_scene;
 
 /** Zero-initialised means: as many threads as the process may use, every tier, float32. */
 struct dvsm_engine_options {
-	uint32_t threads;  /* 0: all that sched_getaffinity allows; at most 256 */
-	uint32_t cpu_mask; /* 0: DVSM_CPU_ALL; tiers not present are ignored */
+	uint32_t threads; /* 0: all that sched_getaffinity allows; at most 256 */
+	/* 0: DVSM_CPU_ALL; tiers not present are ignored. In bf16 a scene lies as the tier that
+	 * made it reads it, AMX or not: for the other kind each rendering makes a copy. */
+	uint32_t cpu_mask;
 	enum dvsm_precision precision;
 };
 

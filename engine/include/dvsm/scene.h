@@ -57,7 +57,8 @@ DVSM_API enum dvsm_status dvsm_scene_copy_cache(const struct dvsm_scene *scene, 
 
 /**
  * Write a scene beside `path`, sync it, and rename it into place: a crash leaves the old file or
- * the new one, never a part. The file carries a SHA-256 of its tensors.
+ * the new one, never a part. The file carries a SHA-256 of its tensors. A bf16 scene of AMX lies in
+ * another order than its file and takes as much memory again for the while.
  */
 DVSM_API enum dvsm_status dvsm_scene_save(const struct dvsm_scene *scene, const char *path,
 					  struct dvsm_error *error);

@@ -196,12 +196,9 @@ static void a_scene_of_another_precision_is_refused(void **state)
 	dvsm_engine_destroy(narrow);
 }
 
-static void a_saved_scene_renders_the_same_bits(void **state)
+static struct dvsm_scene *save_and_open(struct fixture *f, const struct dvsm_scene *scene)
 {
-	static float before[NUMBERS], after[NUMBERS];
-	struct fixture *f = *state;
-	struct dvsm_engine *engine = make_engine(f, DVSM_PRECISION_BF16, 1, 0);
-	struct dvsm_scene *scene = make_scene(f, engine), *read = NULL;
+	struct dvsm_scene *read = NULL;
 	const char *folder = getenv("TMPDIR") ? getenv("TMPDIR") : "/tmp";
 	char path[512];
 
@@ -211,16 +208,79 @@ static void a_saved_scene_renders_the_same_bits(void **state)
 
 	assert_true(file >= 0);
 	close(file);
-	render(f, engine, scene, before);
 	assert_int_equal(dvsm_scene_save(scene, path, &f->error), DVSM_OK);
 	assert_int_equal(dvsm_scene_open(path, f->model, &read, &f->error), DVSM_OK);
+	unlink(path);
+	return read;
+}
+
+static void a_saved_scene_renders_the_same_bits(void **state)
+{
+	static float before[NUMBERS], after[NUMBERS];
+	struct fixture *f = *state;
+	struct dvsm_engine *engine = make_engine(f, DVSM_PRECISION_BF16, 1, 0);
+	struct dvsm_scene *scene = make_scene(f, engine), *read = save_and_open(f, scene);
+
 	assert_int_equal(dvsm_scene_get_precision(read), DVSM_PRECISION_BF16);
+	render(f, engine, scene, before);
 	render(f, engine, read, after);
 	assert_memory_equal(before, after, sizeof(before));
-	unlink(path);
 	dvsm_scene_destroy(scene);
 	dvsm_scene_destroy(read);
 	dvsm_engine_destroy(engine);
+}
+
+/* Heads of 32 lie in blocks where a tier wants them so; 36 tokens a view begin and end within. */
+static void scenes_go_from_tier_to_tier(void **state)
+{
+	static const struct dvsm_model_config config = {.dim = 64,
+							.heads = 2,
+							.layers = 3,
+							.patch_px = 8,
+							.mlp_ratio = 4,
+							.norm_eps = 1e-6};
+	static float want[NUMBERS], got[NUMBERS];
+	static float keys[2][VIEWS * 36 * 64], values[2][VIEWS * 36 * 64];
+	const uint32_t present = dvsm_cpu_detect();
+	struct support_random random = support_random_seeded("test_forward_bf16");
+	struct fixture *f = *state;
+
+	dvsm_model_close(f->model);
+	f->model = support_random_model(&config, &random);
+	assert_non_null(f->model);
+	picture_of(f, DVSM_PRECISION_F32, 1, DVSM_CPU_SCALAR, want);
+	for (uint32_t cpu = 1; cpu != 0; cpu <<= 1) {
+		if (!(present & cpu))
+			continue;
+
+		struct dvsm_engine *scalar =
+			make_engine(f, DVSM_PRECISION_BF16, 1, DVSM_CPU_SCALAR);
+		struct dvsm_engine *other = make_engine(f, DVSM_PRECISION_BF16, 2, cpu);
+		struct dvsm_scene *scene = make_scene(f, other), *plain = make_scene(f, scalar);
+		char hashes[2][65];
+
+		render(f, other, scene, got);
+		assert_true(signal_to_noise_db(got, want) > 40);
+		render(f, scalar, scene, got);
+		assert_true(signal_to_noise_db(got, want) > 40);
+		render(f, other, plain, got);
+		assert_true(signal_to_noise_db(got, want) > 40);
+		assert_int_equal(dvsm_scene_copy_cache(scene, 0, keys[0], values[0]), DVSM_OK);
+		assert_int_equal(dvsm_scene_copy_cache(plain, 0, keys[1], values[1]), DVSM_OK);
+		for (size_t i = 0; i < VIEWS * 36 * 64; i++) {
+			assert_true(fabsf(keys[0][i] - keys[1][i]) < 0.1f);
+			assert_true(fabsf(values[0][i] - values[1][i]) < 0.1f);
+		}
+		dvsm_scene_hash_cache(scene, hashes[0]);
+		dvsm_scene_destroy(plain);
+		plain = save_and_open(f, scene);
+		dvsm_scene_hash_cache(plain, hashes[1]);
+		assert_string_equal(hashes[0], hashes[1]);
+		dvsm_scene_destroy(scene);
+		dvsm_scene_destroy(plain);
+		dvsm_engine_destroy(scalar);
+		dvsm_engine_destroy(other);
+	}
 }
 
 int main(void)
@@ -232,6 +292,7 @@ int main(void)
 		TEST(the_cache_takes_half_the_bytes),
 		TEST(a_scene_of_another_precision_is_refused),
 		TEST(a_saved_scene_renders_the_same_bits),
+		TEST(scenes_go_from_tier_to_tier),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
