@@ -30,18 +30,29 @@ struct bounded {
 
 /* Where the parts of a unit are. */
 struct unit {
-	size_t query, key;   /* first, the latter among those laid */
+	size_t query, key;   /* first */
 	size_t keys, blocks; /* in the chunk; no blocks: there is no unit */
 	number *weights;
 };
 
 /* The rows of a block that are on their way from scores to weights. */
-struct weighing {
+struct rows {
 	const float *scores;
 	number *weights;
 	float *sums;
 	size_t left;
 	__mmask32 lanes; /* of keys that exist */
+};
+
+/*
+ * What is under way between two steps. A tile is stored when the next sums want its place, because
+ * a store that waits for a product holds up all products behind it.
+ */
+struct passage {
+	struct rows rows, next; /* `next` as soon as its scores are stored */
+	float *to;              /* where the sums in tiles 0 to 3 go: 32 rows of 32 */
+	size_t stride;
+	size_t turn; /* which room the next block's scores take */
 };
 
 /* Rows of q to numbers in tiles, zeros behind the last. */
@@ -98,93 +109,126 @@ DVSM_INLINE __m512i weights_of(const float *scores, vf lift, __mmask32 lanes)
 	return _mm512_maskz_shldi_epi16(lanes, whole, p, 7);
 }
 
-/* The next rows, those that go beside a product: `rows` divides 32. */
-DVSM_INLINE void weigh_rows(const struct bounded *b, struct weighing *w, const size_t rows)
+/* Rows that go beside a product; `count` divides 32. */
+DVSM_INLINE void weigh_rows(const struct bounded *b, struct rows *rows, const size_t count)
 {
-	if (w->left == 0)
+	if (rows->left == 0)
 		return;
 	DVSM_UNROLL
-	for (size_t i = 0; i < rows; i++) {
-		__m512i weights = weights_of(w->scores + i * 2 * TILE, b->lift, w->lanes);
-		float *sums = w->sums + i * TILE;
+	for (size_t i = 0; i < count; i++) {
+		__m512i weights = weights_of(rows->scores + i * 2 * TILE, b->lift, rows->lanes);
+		float *sums = rows->sums + i * TILE;
 
-		_mm512_storeu_si512(w->weights + i * DEPTH, weights);
+		_mm512_storeu_si512(rows->weights + i * DEPTH, weights);
 		vf_store(sums, vp_dot(vf_load(sums), (vp)weights, vp_ones()));
 	}
-	w->scores += rows * 2 * TILE;
-	w->weights += rows * DEPTH;
-	w->sums += rows * TILE;
-	w->left -= rows;
+	rows->scores += count * 2 * TILE;
+	rows->weights += count * DEPTH;
+	rows->sums += count * TILE;
+	rows->left -= count;
 }
 
-/* From one block, of which the rest is weighed, to the next, whose scores are there. */
-DVSM_INLINE void weigh_next(const struct bounded *b, struct weighing *w, const struct unit *unit,
-			    size_t block)
+DVSM_INLINE void finish_rows(const struct bounded *b, struct rows *rows)
 {
-	while (w->left > 0)
-		weigh_rows(b, w, 2);
-	if (block >= unit->blocks)
+	while (rows->left > 0)
+		weigh_rows(b, rows, 2);
+}
+
+/* On to the next block, whose scores are stored; none where none waits. */
+DVSM_INLINE void weigh_next(const struct bounded *b, struct passage *p)
+{
+	if (p->next.left == 0)
 		return;
+	finish_rows(b, &p->rows);
+	p->rows = p->next;
+	p->next.left = 0;
+}
 
-	const size_t keys = unit->keys - block * DEPTH;
+static struct rows rows_of(const struct bounded *b, const struct unit *unit, size_t block,
+			   const float *scores)
+{
+	struct rows rows = {
+		.scores = scores,
+		.weights = unit->weights + block * UNIT * DEPTH,
+		.sums = b->sums + unit->query * TILE,
+		.left = UNIT,
+		.lanes = ~(uint32_t)0,
+	};
 
-	w->scores = b->scores[block % 2][0];
-	w->weights = unit->weights + block * UNIT * DEPTH;
-	w->sums = b->sums + unit->query * TILE;
-	w->left = UNIT;
-	w->lanes = ~(uint32_t)0;
-	for (size_t key = keys; key < DEPTH; key++)
-		w->lanes &= ~((uint32_t)1 << (key % TILE * 2 + key / TILE));
+	for (size_t key = unit->keys - block * DEPTH; key < DEPTH; key++)
+		rows.lanes &= ~((uint32_t)1 << (key % TILE * 2 + key / TILE));
+	return rows;
+}
+
+#define SUMS_AT(to, stride, tile) ((to) + (tile) % 2 * TILE + (tile) / 2 * TILE * (stride))
+
+/* A tile's sums on their way, and what the tile begins with. */
+#define LEAVE_SUMS(tile) AMX_STORE(tile, SUMS_AT(p->to, p->stride, tile), p->stride * sizeof(float))
+#define BEGIN_SCORES(tile)                                                                         \
+	do {                                                                                       \
+		LEAVE_SUMS(tile);                                                                  \
+		AMX_ZERO(tile);                                                                    \
+	} while (0)
+#define BEGIN_OUT(tile)                                                                            \
+	do {                                                                                       \
+		LEAVE_SUMS(tile);                                                                  \
+		AMX_LOAD(tile, SUMS_AT(out, dim, tile), dim * sizeof(float));                      \
+	} while (0)
+
+static void store_sums(const struct passage *p)
+{
+	LEAVE_SUMS(0);
+	LEAVE_SUMS(1);
+	LEAVE_SUMS(2);
+	LEAVE_SUMS(3);
 }
 
 /* Scores of a unit's queries with a block of its keys. */
 DVSM_INLINE void score_unit(const struct bounded *b, const size_t dim, const struct unit *unit,
-			    size_t block, struct weighing *w, const size_t share)
+			    size_t block, struct passage *p, const size_t share)
 {
 	const number *q = b->q + left_at(unit->query, 0, dim);
 	const number *k = block_of(b, b->k, b->last_k, unit->key + block * DEPTH);
-	float *scores = b->scores[block % 2][0];
 
 	if (block >= unit->blocks)
 		return;
-	clear_sums();
+	MULTIPLY_STEP(q, q + dim * TILE, k, k + dim * TILE, STREAM_W, BEGIN_SCORES,
+		      weigh_rows(b, &p->rows, share));
+	weigh_next(b, p);
 	DVSM_UNROLL
-	for (size_t d = 0; d < dim; d += DEPTH)
+	for (size_t d = DEPTH; d < dim; d += DEPTH)
 		MULTIPLY_STEP(q + d * TILE, q + (dim + d) * TILE, k + d * TILE,
-			      k + (dim + d) * TILE, STREAM_W, NOTHING, weigh_rows(b, w, share));
-	AMX_STORE(0, scores, 2 * TILE * sizeof(float));
-	AMX_STORE(1, scores + TILE, 2 * TILE * sizeof(float));
-	AMX_STORE(2, scores + 2 * TILE * TILE, 2 * TILE * sizeof(float));
-	AMX_STORE(3, scores + 2 * TILE * TILE + TILE, 2 * TILE * sizeof(float));
+			      k + (dim + d) * TILE, STREAM_W, NOTHING,
+			      weigh_rows(b, &p->rows, share));
+	p->to = b->scores[p->turn][0];
+	p->stride = 2 * TILE;
+	p->next = rows_of(b, unit, block, p->to);
+	p->turn ^= 1;
 }
 
-/* Weighted values of an old unit, 32 numbers of the head; half way on to a block of the young. */
-DVSM_INLINE void mix_unit(const struct bounded *b, const size_t dim, const struct unit *old,
-			  size_t d, const struct unit *young, size_t next, struct weighing *w,
-			  const size_t share)
+/* Weighted values of a unit, 32 numbers of the head. */
+DVSM_INLINE void mix_unit(const struct bounded *b, const size_t dim, const struct unit *unit,
+			  size_t d, struct passage *p, const size_t share)
 {
-	float *out = b->out + old->query * dim + d;
+	float *out = b->out + unit->query * dim + d;
+	const number *weights = unit->weights;
 
-	AMX_LOAD(0, out, dim * sizeof(float));
-	AMX_LOAD(1, out + TILE, dim * sizeof(float));
-	AMX_LOAD(2, out + TILE * dim, dim * sizeof(float));
-	AMX_LOAD(3, out + TILE * dim + TILE, dim * sizeof(float));
 	DVSM_UNROLL
-	for (size_t block = 0; block < BLOCKS; block++) {
-		const number *p = old->weights + block * UNIT * DEPTH;
+	for (size_t block = 0; block < BLOCKS; block++, weights += UNIT * DEPTH) {
 		const number *v =
-			d * DEPTH + block_of(b, b->v, b->last_v, old->key + block * DEPTH);
+			d * DEPTH + block_of(b, b->v, b->last_v, unit->key + block * DEPTH);
 
-		if (block == BLOCKS / 2 && next < BLOCKS)
-			weigh_next(b, w, young, next);
-		if (block < old->blocks)
-			MULTIPLY_STEP(p, p + TILE * DEPTH, v, v + TILE * DEPTH, STREAM_W, NOTHING,
-				      weigh_rows(b, w, share));
+		if (block == BLOCKS - 1)
+			weigh_next(b, p);
+		if (block == 0)
+			MULTIPLY_STEP(weights, weights + TILE * DEPTH, v, v + TILE * DEPTH,
+				      STREAM_W, BEGIN_OUT, weigh_rows(b, &p->rows, share));
+		else if (block < unit->blocks)
+			MULTIPLY_STEP(weights, weights + TILE * DEPTH, v, v + TILE * DEPTH,
+				      STREAM_W, NOTHING, weigh_rows(b, &p->rows, share));
 	}
-	AMX_STORE(0, out, dim * sizeof(float));
-	AMX_STORE(1, out + TILE, dim * sizeof(float));
-	AMX_STORE(2, out + TILE * dim, dim * sizeof(float));
-	AMX_STORE(3, out + TILE * dim + TILE, dim * sizeof(float));
+	p->to = out;
+	p->stride = dim;
 }
 
 /*
@@ -192,42 +236,42 @@ DVSM_INLINE void mix_unit(const struct bounded *b, const size_t dim, const struc
  * one; weighted values of the unit before. Twice: scores of two blocks, then half of the values.
  */
 DVSM_INLINE void advance(const struct bounded *b, const size_t dim, const struct unit *young,
-			 const struct unit *old, struct weighing *at)
+			 const struct unit *old, struct passage *passage)
 {
 	const size_t share = dim < 64 ? 4 : dim < 128 ? 2 : 1;
 	const size_t middle = dim / (2 * DEPTH) * DEPTH;
-	struct weighing w = *at;
+	struct passage p = *passage;
 
 	DVSM_UNROLL
 	for (size_t block = 0; block < BLOCKS; block += 2) {
 		const size_t first = block > 0 ? middle : 0, end = block > 0 ? dim : middle;
 
-		score_unit(b, dim, young, block, &w, share);
-		weigh_next(b, &w, young, block);
-		score_unit(b, dim, young, block + 1, &w, share);
+		score_unit(b, dim, young, block, &p, share);
+		score_unit(b, dim, young, block + 1, &p, share);
+		/* Where a second block of scores did not see to it. */
+		if (block == 0 && young->blocks < 2)
+			finish_rows(b, &p.rows);
 		amx_publish();
-		if (old->blocks == 0 || first == end)
-			weigh_next(b, &w, young, block + 1);
 		if (old->blocks == 0)
 			continue;
 		DVSM_UNROLL
 		for (size_t d = first; d < end; d += DEPTH)
-			mix_unit(b, dim, old, d, young, d == first ? block + 1 : BLOCKS, &w, share);
+			mix_unit(b, dim, old, d, &p, share);
 	}
-	*at = w;
+	*passage = p;
 }
 
 /* Most models' heads get loops of their own. */
 static void advance_64(const struct bounded *b, const struct unit *young, const struct unit *old,
-		       struct weighing *w)
+		       struct passage *p)
 {
-	advance(b, 64, young, old, w);
+	advance(b, 64, young, old, p);
 }
 
 static void advance_any(const struct bounded *b, const struct unit *young, const struct unit *old,
-			struct weighing *w)
+			struct passage *p)
 {
-	advance(b, b->head_dim, young, old, w);
+	advance(b, b->head_dim, young, old, p);
 }
 
 /* Keys and values that come next, of this head or of the one behind it, to the second-level cache;
@@ -241,20 +285,18 @@ static inline void call_numbers(const number *k, const number *v, size_t count)
 }
 
 /* All queries with keys first .. end - 1, while those behind `end` are called. */
-static void attend_section(const struct bounded *b, size_t first, size_t end)
+static void attend_section(const struct bounded *b, size_t first, size_t end, struct unit *old,
+			   struct passage *p)
 {
 	const size_t chunk = BLOCKS * DEPTH, keys = end - first;
 	const number *k = b->k + end * b->head_dim, *v = b->v + end * b->head_dim;
 	const size_t units = b->query_rows / UNIT * ((keys + chunk - 1) / chunk);
 	const size_t share = units ? SECTION * b->head_dim / units : 0;
-	const struct unit none = {.blocks = 0};
-	struct unit old = none;
-	struct weighing w = {.left = 0};
-	size_t turn = 0;
 
 	for (size_t query = 0; query < b->query_rows; query += UNIT) {
-		for (size_t key = first; key < end; key += chunk, turn ^= 1) {
+		for (size_t key = first; key < end; key += chunk) {
 			const size_t left = end - key < chunk ? end - key : chunk;
+			const bool turn = old->weights == b->weights;
 			const struct unit young = {
 				.query = query,
 				.key = key,
@@ -267,13 +309,28 @@ static void attend_section(const struct bounded *b, size_t first, size_t end)
 			k += share;
 			v += share;
 			if (b->head_dim == 64)
-				advance_64(b, &young, &old, &w);
+				advance_64(b, &young, old, p);
 			else
-				advance_any(b, &young, &old, &w);
-			old = young;
+				advance_any(b, &young, old, p);
+			*old = young;
 		}
 	}
-	advance_any(b, &none, &old, &w);
+}
+
+/* All queries with all keys. */
+static void attend_all(const struct bounded *b, size_t keys)
+{
+	const struct unit none = {.blocks = 0};
+	struct unit old = none;
+	struct passage p = {.to = b->scores[0][0], .stride = 2 * TILE};
+
+	for (size_t key = 0; key < keys; key += SECTION)
+		attend_section(b, key, keys - key < SECTION ? keys : key + SECTION, &old, &p);
+	store_sums(&p);
+	weigh_next(b, &p);
+	finish_rows(b, &p.rows);
+	advance_any(b, &none, &old, &p);
+	store_sums(&p);
 }
 
 /* The keys and values behind the whole blocks to theirs. */
@@ -308,8 +365,7 @@ static void attention_bounded(const struct dvsm_attention *job)
 	memset(b.out, 0, rows * (dim + TILE) * sizeof(float));
 	if (b.whole < job->keys)
 		lay_last(&b, job->keys - b.whole);
-	for (size_t key = 0; key < job->keys; key += SECTION)
-		attend_section(&b, key, job->keys - key < SECTION ? job->keys : key + SECTION);
+	attend_all(&b, job->keys);
 	for (size_t i = 0; i < job->queries; i++) {
 		float total = vf_sum(vf_load(b.sums + i * TILE));
 		vf inverse = vf_set(job->keys > 0 ? 1.0f / total : 0.0f);
