@@ -346,18 +346,17 @@ static void attend_head(const struct dvsm_run *run, const struct tile *tile,
 	run->kernels->attention(&job);
 }
 
-/* Attention of rows at .. at + rows - 1 of the tile, into its normed rows. */
-static void attend(const struct dvsm_run *run, const struct tile *tile,
-		   const struct dvsm_half_weights *weights, const struct dvsm_heads *heads,
-		   size_t at, size_t rows, uint32_t worker)
+/* One head's attention of rows at .. at + rows - 1 of the tile, as many at a time as kernels take.
+ */
+static void attend_rows(const struct dvsm_run *run, const struct tile *tile,
+			const struct dvsm_half_weights *weights, const struct dvsm_heads *heads,
+			size_t head, size_t at, size_t rows, uint32_t worker)
 {
 	const size_t most = run->kernels->attention_queries;
 
-	for (size_t h = 0; h < run->model->config.heads; h++) {
-		for (size_t i = 0; i < dvsm_tiles(rows, most); i++)
-			attend_head(run, tile, weights, heads, h, at + i * most,
-				    dvsm_tile_length(rows, most, i), dvsm_run_scratch(run, worker));
-	}
+	for (size_t i = 0; i < dvsm_tiles(rows, most); i++)
+		attend_head(run, tile, weights, heads, head, at + i * most,
+			    dvsm_tile_length(rows, most, i), dvsm_run_scratch(run, worker));
 }
 
 static void attend_within_views(const struct block_job *job, const struct tile *tile,
@@ -369,7 +368,8 @@ static void attend_within_views(const struct block_job *job, const struct tile *
 	for (part = first_part(job, tile); part.rows > 0; next_part(job, tile, &part)) {
 		const struct dvsm_heads own = own_heads(job->run, part.view_row, part.view_tokens);
 
-		attend(job->run, tile, weights, &own, part.at, part.rows, worker);
+		for (size_t h = 0; h < job->run->model->config.heads; h++)
+			attend_rows(job->run, tile, weights, &own, h, part.at, part.rows, worker);
 	}
 }
 
@@ -423,16 +423,47 @@ static void intra_task(void *context, size_t index, uint32_t worker)
 	store_keys(job->run, &tile, &weights->cross, 0, tile.rows, job->cache, tile.token, worker);
 }
 
-static void cross_task(void *context, size_t index, uint32_t worker)
+static void queries_task(void *context, size_t index, uint32_t worker)
 {
 	const struct block_job *job = context;
 	const struct dvsm_half_weights *weights = &job->run->weights->blocks[job->layer].cross;
 	const struct tile tile = find_tile(job, index);
 
+	(void)worker;
 	norm(job->run, &tile, weights->norm);
 	project_queries(job->run, &tile, weights);
-	attend(job->run, &tile, weights, job->cache, 0, tile.rows, worker);
-	mix(job->run, &tile, weights);
+}
+
+/* Tasks that a head's attention across views is cut into: none where whole heads go round, so that
+ * all tiles pass by its keys and values while a cache holds them. */
+static size_t cuts_of_head(const struct block_job *job)
+{
+	const size_t threads = dvsm_pool_get_threads(job->run->pool);
+
+	return job->run->model->config.heads % threads == 0 ? 1 : count_tiles(job);
+}
+
+static void heads_task(void *context, size_t index, uint32_t worker)
+{
+	const struct block_job *job = context;
+	const struct dvsm_half_weights *weights = &job->run->weights->blocks[job->layer].cross;
+	const size_t cuts = cuts_of_head(job);
+
+	for (size_t i = index % cuts; i < count_tiles(job); i += cuts) {
+		const struct tile tile = find_tile(job, i);
+
+		attend_rows(job->run, &tile, weights, job->cache, index / cuts, 0, tile.rows,
+			    worker);
+	}
+}
+
+static void mix_task(void *context, size_t index, uint32_t worker)
+{
+	const struct block_job *job = context;
+	const struct tile tile = find_tile(job, index);
+
+	(void)worker;
+	mix(job->run, &tile, &job->run->weights->blocks[job->layer].cross);
 }
 
 static void render_task(void *context, size_t index, uint32_t worker)
@@ -442,7 +473,7 @@ static void render_task(void *context, size_t index, uint32_t worker)
 
 	attend_within_views(job, &tile, worker);
 	mix(job->run, &tile, &job->run->weights->blocks[job->layer].intra);
-	cross_task(context, index, worker);
+	queries_task(context, index, worker);
 }
 
 /* The blocks of the cache that tiles have parts of: each once its last row is there. */
@@ -492,10 +523,21 @@ void dvsm_block_intra(const struct dvsm_run *run, uint32_t layer, const struct d
 	}
 }
 
+/* Attention across views for queries that are there, and what follows it. */
+static void attend_across(const struct dvsm_run *run, uint32_t layer,
+			  const struct dvsm_group *group, const struct dvsm_heads *cache)
+{
+	struct block_job job = {run, group, layer, cache, dense_rows(run, group)};
+
+	dvsm_pool_run(run->pool, run->model->config.heads * cuts_of_head(&job), heads_task, &job);
+	dvsm_pool_run(run->pool, count_tiles(&job), mix_task, &job);
+}
+
 void dvsm_block_cross(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
 		      const struct dvsm_heads *cache)
 {
-	run_tiles(run, layer, group, cache, cross_task);
+	run_tiles(run, layer, group, cache, queries_task);
+	attend_across(run, layer, group, cache);
 }
 
 void dvsm_block_render(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
@@ -504,4 +546,5 @@ void dvsm_block_render(const struct dvsm_run *run, uint32_t layer, const struct 
 	run_tiles(run, layer, group, cache, keys_task);
 	trace_own_heads(run, layer, group);
 	run_tiles(run, layer, group, cache, render_task);
+	attend_across(run, layer, group, cache);
 }
