@@ -15,9 +15,16 @@
 /* Keys that all queries pass by before the next ones come: they stay in the second-level cache. */
 #define SECTION 512u
 
+/* What weights_of() computes with: kept in registers, not made anew beside each product. */
+struct curve {
+	vf lift; /* takes scores to 255 - 2 bound .. 255 */
+	__m512i first, second, third, half;
+	__m512i ones; /* pairs of 1 */
+};
+
 struct bounded {
 	size_t head_dim, query_rows;
-	vf lift;                 /* takes scores to 255 - 2 bound .. 255 */
+	struct curve curve;
 	number *q;               /* [query_rows][head_dim] in tiles, times scale log2(e) */
 	float *out;              /* [query_rows][head_dim] */
 	float *sums;             /* [query_rows][16]: of weights, by key modulo 16 */
@@ -93,34 +100,34 @@ static inline const number *block_of(const struct bounded *b, const number *bloc
  *
  * rounded to nearest, where what would become 2 stays one step below.
  */
-DVSM_INLINE __m512i weights_of(const float *scores, vf lift, __mmask32 lanes)
+DVSM_INLINE __m512i weights_of(const struct curve *curve, const float *scores, __mmask32 lanes)
 {
 	const __mmask32 odd = 0xaaaaaaaau;
-	__m512i one = _mm512_castps_si512(vf_add(vf_load(scores), lift));
-	__m512i two = _mm512_castps_si512(vf_add(vf_load(scores + TILE), lift));
+	__m512i one = _mm512_castps_si512(vf_add(vf_load(scores), curve->lift));
+	__m512i two = _mm512_castps_si512(vf_add(vf_load(scores + TILE), curve->lift));
 	__m512i mixed = _mm512_shrdi_epi32(one, two, 16);
 	__m512i f = _mm512_mask_blend_epi16(odd, one, mixed);
 	__m512i whole = _mm512_mask_blend_epi16(odd, mixed, two);
-	__m512i p = _mm512_mulhi_epu16(f, _mm512_set1_epi16(5051));
+	__m512i p = _mm512_mulhi_epu16(f, curve->third);
 
-	p = _mm512_mulhi_epu16(f, _mm512_add_epi16(p, _mm512_set1_epi16(14919)));
-	p = _mm512_mulhi_epu16(f, _mm512_add_epi16(p, _mm512_set1_epi16((short)45555)));
-	p = _mm512_adds_epu16(p, _mm512_set1_epi16(256));
+	p = _mm512_mulhi_epu16(f, _mm512_add_epi16(p, curve->second));
+	p = _mm512_mulhi_epu16(f, _mm512_add_epi16(p, curve->first));
+	p = _mm512_adds_epu16(p, curve->half);
 	return _mm512_maskz_shldi_epi16(lanes, whole, p, 7);
 }
 
 /* Rows that go beside a product; `count` divides 32. */
-DVSM_INLINE void weigh_rows(const struct bounded *b, struct rows *rows, const size_t count)
+DVSM_INLINE void weigh_rows(const struct curve *curve, struct rows *rows, const size_t count)
 {
 	if (rows->left == 0)
 		return;
 	DVSM_UNROLL
 	for (size_t i = 0; i < count; i++) {
-		__m512i weights = weights_of(rows->scores + i * 2 * TILE, b->lift, rows->lanes);
+		__m512i weights = weights_of(curve, rows->scores + i * 2 * TILE, rows->lanes);
 		float *sums = rows->sums + i * TILE;
 
 		_mm512_storeu_si512(rows->weights + i * DEPTH, weights);
-		vf_store(sums, vp_dot(vf_load(sums), (vp)weights, vp_ones()));
+		vf_store(sums, vp_dot(vf_load(sums), (vp)weights, (vp)curve->ones));
 	}
 	rows->scores += count * 2 * TILE;
 	rows->weights += count * DEPTH;
@@ -128,18 +135,18 @@ DVSM_INLINE void weigh_rows(const struct bounded *b, struct rows *rows, const si
 	rows->left -= count;
 }
 
-DVSM_INLINE void finish_rows(const struct bounded *b, struct rows *rows)
+DVSM_INLINE void finish_rows(const struct curve *curve, struct rows *rows)
 {
 	while (rows->left > 0)
-		weigh_rows(b, rows, 2);
+		weigh_rows(curve, rows, 2);
 }
 
 /* On to the next block, whose scores are stored; none where none waits. */
-DVSM_INLINE void weigh_next(const struct bounded *b, struct passage *p)
+DVSM_INLINE void weigh_next(const struct curve *curve, struct passage *p)
 {
 	if (p->next.left == 0)
 		return;
-	finish_rows(b, &p->rows);
+	finish_rows(curve, &p->rows);
 	p->rows = p->next;
 	p->next.left = 0;
 }
@@ -184,8 +191,9 @@ static void store_sums(const struct passage *p)
 }
 
 /* Scores of a unit's queries with a block of its keys. */
-DVSM_INLINE void score_unit(const struct bounded *b, const size_t dim, const struct unit *unit,
-			    size_t block, struct passage *p, const size_t share)
+DVSM_INLINE void score_unit(const struct bounded *b, const struct curve *curve, const size_t dim,
+			    const struct unit *unit, size_t block, struct passage *p,
+			    const size_t share)
 {
 	const number *q = b->q + left_at(unit->query, 0, dim);
 	const number *k = block_of(b, b->k, b->last_k, unit->key + block * DEPTH);
@@ -193,13 +201,12 @@ DVSM_INLINE void score_unit(const struct bounded *b, const size_t dim, const str
 	if (block >= unit->blocks)
 		return;
 	MULTIPLY_STEP(q, q + dim * TILE, k, k + dim * TILE, STREAM_W, BEGIN_SCORES,
-		      weigh_rows(b, &p->rows, share));
-	weigh_next(b, p);
-	DVSM_UNROLL
+		      weigh_rows(curve, &p->rows, share));
+	weigh_next(curve, p);
 	for (size_t d = DEPTH; d < dim; d += DEPTH)
 		MULTIPLY_STEP(q + d * TILE, q + (dim + d) * TILE, k + d * TILE,
 			      k + (dim + d) * TILE, STREAM_W, NOTHING,
-			      weigh_rows(b, &p->rows, share));
+			      weigh_rows(curve, &p->rows, share));
 	p->to = b->scores[p->turn][0];
 	p->stride = 2 * TILE;
 	p->next = rows_of(b, unit, block, p->to);
@@ -207,8 +214,8 @@ DVSM_INLINE void score_unit(const struct bounded *b, const size_t dim, const str
 }
 
 /* Weighted values of a unit, 32 numbers of the head. */
-DVSM_INLINE void mix_unit(const struct bounded *b, const size_t dim, const struct unit *unit,
-			  size_t d, struct passage *p, const size_t share)
+DVSM_INLINE void mix_unit(const struct bounded *b, const struct curve *curve, const size_t dim,
+			  const struct unit *unit, size_t d, struct passage *p, const size_t share)
 {
 	float *out = b->out + unit->query * dim + d;
 	const number *weights = unit->weights;
@@ -219,13 +226,13 @@ DVSM_INLINE void mix_unit(const struct bounded *b, const size_t dim, const struc
 			d * DEPTH + block_of(b, b->v, b->last_v, unit->key + block * DEPTH);
 
 		if (block == BLOCKS - 1)
-			weigh_next(b, p);
+			weigh_next(curve, p);
 		if (block == 0)
 			MULTIPLY_STEP(weights, weights + TILE * DEPTH, v, v + TILE * DEPTH,
-				      STREAM_W, BEGIN_OUT, weigh_rows(b, &p->rows, share));
+				      STREAM_W, BEGIN_OUT, weigh_rows(curve, &p->rows, share));
 		else if (block < unit->blocks)
 			MULTIPLY_STEP(weights, weights + TILE * DEPTH, v, v + TILE * DEPTH,
-				      STREAM_W, NOTHING, weigh_rows(b, &p->rows, share));
+				      STREAM_W, NOTHING, weigh_rows(curve, &p->rows, share));
 	}
 	p->to = out;
 	p->stride = dim;
@@ -240,28 +247,27 @@ DVSM_INLINE void advance(const struct bounded *b, const size_t dim, const struct
 {
 	const size_t share = dim < 64 ? 4 : dim < 128 ? 2 : 1;
 	const size_t middle = dim / (2 * DEPTH) * DEPTH;
+	const struct curve curve = b->curve;
 	struct passage p = *passage;
 
 	DVSM_UNROLL
 	for (size_t block = 0; block < BLOCKS; block += 2) {
 		const size_t first = block > 0 ? middle : 0, end = block > 0 ? dim : middle;
 
-		score_unit(b, dim, young, block, &p, share);
-		score_unit(b, dim, young, block + 1, &p, share);
+		score_unit(b, &curve, dim, young, block, &p, share);
+		score_unit(b, &curve, dim, young, block + 1, &p, share);
 		/* Where a second block of scores did not see to it. */
 		if (block == 0 && young->blocks < 2)
-			finish_rows(b, &p.rows);
+			finish_rows(&curve, &p.rows);
 		amx_publish();
 		if (old->blocks == 0)
 			continue;
-		DVSM_UNROLL
 		for (size_t d = first; d < end; d += DEPTH)
-			mix_unit(b, dim, old, d, &p, share);
+			mix_unit(b, &curve, dim, old, d, &p, share);
 	}
 	*passage = p;
 }
 
-/* Most models' heads get loops of their own. */
 static void advance_64(const struct bounded *b, const struct unit *young, const struct unit *old,
 		       struct passage *p)
 {
@@ -272,6 +278,16 @@ static void advance_any(const struct bounded *b, const struct unit *young, const
 			struct passage *p)
 {
 	advance(b, b->head_dim, young, old, p);
+}
+
+/* Most models' heads get code of their own. */
+static void advance_unit(const struct bounded *b, const struct unit *young, const struct unit *old,
+			 struct passage *p)
+{
+	if (b->head_dim == 64)
+		advance_64(b, young, old, p);
+	else
+		advance_any(b, young, old, p);
 }
 
 /* Keys and values that come next, of this head or of the one behind it, to the second-level cache;
@@ -308,10 +324,7 @@ static void attend_section(const struct bounded *b, size_t first, size_t end, st
 			call_numbers(k, v, share);
 			k += share;
 			v += share;
-			if (b->head_dim == 64)
-				advance_64(b, &young, old, p);
-			else
-				advance_any(b, &young, old, p);
+			advance_unit(b, &young, old, p);
 			*old = young;
 		}
 	}
@@ -327,9 +340,9 @@ static void attend_all(const struct bounded *b, size_t keys)
 	for (size_t key = 0; key < keys; key += SECTION)
 		attend_section(b, key, keys - key < SECTION ? keys : key + SECTION, &old, &p);
 	store_sums(&p);
-	weigh_next(b, &p);
-	finish_rows(b, &p.rows);
-	advance_any(b, &none, &old, &p);
+	weigh_next(&b->curve, &p);
+	finish_rows(&b->curve, &p.rows);
+	advance_unit(b, &none, &old, &p);
 	store_sums(&p);
 }
 
@@ -348,7 +361,15 @@ static void attention_bounded(const struct dvsm_attention *job)
 	struct bounded b = {
 		.head_dim = dim,
 		.query_rows = rows,
-		.lift = vf_set(255.0f - job->bound),
+		.curve =
+			{
+				.lift = vf_set(255.0f - job->bound),
+				.first = _mm512_set1_epi16((short)45555),
+				.second = _mm512_set1_epi16(14919),
+				.third = _mm512_set1_epi16(5051),
+				.half = _mm512_set1_epi16(256),
+				.ones = (__m512i)vp_ones(),
+			},
 		.k = job->k,
 		.v = job->v,
 		.whole = job->keys / DEPTH * DEPTH,
