@@ -43,8 +43,8 @@ struct dvsm_fixed_workspace {
 
 /** What attention to one head needs of a thread's scratch. */
 struct dvsm_fixed_head_scratch {
-	int8_t *q;                        /* [DVSM_FIXED_TASK_ROWS][head_width] */
-	struct dvsm_fixed_scale *q_scale; /* [DVSM_FIXED_TASK_ROWS] */
+	int8_t *q;                        /* [DVSM_FIXED_MOST_QUERIES][head_width] */
+	struct dvsm_fixed_scale *q_scale; /* [DVSM_FIXED_MOST_QUERIES] */
 	int16_t *gains;                   /* [head_width] */
 	void *rest;                       /* the kernel's */
 	size_t bytes;                     /* of everything */
@@ -57,8 +57,8 @@ static inline struct dvsm_fixed_head_scratch dvsm_fixed_head_scratch_place(void 
 	struct dvsm_arena arena = {.base = base};
 	struct dvsm_fixed_head_scratch made;
 
-	made.q = dvsm_arena_take(&arena, DVSM_FIXED_TASK_ROWS, head_width);
-	made.q_scale = dvsm_arena_take(&arena, DVSM_FIXED_TASK_ROWS, sizeof(*made.q_scale));
+	made.q = dvsm_arena_take(&arena, DVSM_FIXED_MOST_QUERIES, head_width);
+	made.q_scale = dvsm_arena_take(&arena, DVSM_FIXED_MOST_QUERIES, sizeof(*made.q_scale));
 	made.gains = dvsm_arena_take(&arena, head_width, sizeof(*made.gains));
 	made.rest = dvsm_arena_take(&arena, dvsm_fixed_attention_scratch(head_width), 1);
 	made.bytes = arena.used;

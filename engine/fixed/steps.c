@@ -38,13 +38,14 @@ struct cut {
 	size_t rows, tile_rows, row_tiles, pieces, parts;
 };
 
-/* Tiles of 64 rows, or of fewer where that gives every thread as many. */
-static struct cut cut_rows(const struct dvsm_fixed_run *run, size_t rows, size_t pieces)
+/* Tiles of `most` rows, or of fewer where that gives every thread as many. */
+static struct cut cut_rows(const struct dvsm_fixed_run *run, size_t rows, size_t most,
+			   size_t pieces)
 {
 	const size_t threads = dvsm_pool_get_threads(run->pool);
 	struct cut cut = {.rows = rows, .tile_rows = rows, .pieces = pieces};
 
-	for (size_t shares = threads; cut.tile_rows > DVSM_FIXED_TASK_ROWS; shares += threads)
+	for (size_t shares = threads; cut.tile_rows > most; shares += threads)
 		cut.tile_rows = tiles(rows, shares);
 	if (cut.tile_rows == rows)
 		cut.tile_rows = tiles(rows, threads);
@@ -313,7 +314,7 @@ void dvsm_fixed_step_products(const struct dvsm_fixed_run *run, size_t rows,
 
 	if (count > 1)
 		cols += tiles(products[1].w->out, task_cols);
-	job.cut = cut_rows(run, rows, cols);
+	job.cut = cut_rows(run, rows, DVSM_FIXED_TASK_ROWS, cols);
 	expect(run, &products[0].then, &job.cut, job.first_cols);
 	dvsm_pool_run(run->pool, count_tasks(&job.cut), product_task, &job);
 }
@@ -551,7 +552,10 @@ void dvsm_fixed_step_attention(const struct dvsm_fixed_run *run, const struct dv
 			       const int16_t *u, size_t rows,
 			       const struct dvsm_fixed_layers *layers, struct dvsm_fixed_then then)
 {
-	struct attention_job job = {run,    half, u, cut_rows(run, rows, run->config->heads),
+	/* Keys that no cache holds serve as many queries as there may be. */
+	const bool many = !layers->group && layers->one.tokens > DVSM_FIXED_MANY_KEYS;
+	const size_t most = many ? run->kernels->attention_queries : DVSM_FIXED_TASK_ROWS;
+	struct attention_job job = {run,    half, u, cut_rows(run, rows, most, run->config->heads),
 				    layers, then};
 
 	expect(run, &then, &job.cut, run->config->heads);

@@ -78,6 +78,7 @@ struct dvsm_fixed_kernels dvsm_fixed_kernels_choose(uint32_t mask)
 		OVERLAY(pack_keys);
 		OVERLAY(pack_values);
 		OVERLAY(attention);
+		OVERLAY(attention_queries);
 	}
 	return chosen;
 }

@@ -43,8 +43,12 @@
 /** Bytes behind a head's packed keys that attention may read, without minding what they are. */
 #define DVSM_FIXED_BEHIND_KEYS 1024u
 
-/** Most queries that one attention call takes. */
-#define DVSM_FIXED_QUERIES 64u
+/** Most queries that one attention call takes, and that those tiers' do that make use of more. */
+#define DVSM_FIXED_QUERIES      64u
+#define DVSM_FIXED_MOST_QUERIES 256u
+
+/** Keys of which there are too many to stay in a second-level cache while queries pass by. */
+#define DVSM_FIXED_MANY_KEYS 8192u
 
 /** A positive number, mantissa 2^exponent; mantissa is 2^14 .. 2^15 - 1, or 0 for zero. */
 struct dvsm_fixed_scale {
@@ -252,9 +256,9 @@ struct dvsm_fixed_pack {
 typedef void dvsm_fixed_pack_fn(const struct dvsm_fixed_pack *job);
 
 /**
- * One head's attention for up to DVSM_FIXED_QUERIES queries. Per query, with the words s[key] =
- * (sum over d of q k) >> dvsm_fixed_score_shift(head_width), top = max s over all keys, and factor
- * and fraction of dvsm_fixed_slope_make():
+ * One head's attention for up to the table's attention_queries queries. Per query, with the words
+ * s[key] = (sum over d of q k) >> dvsm_fixed_score_shift(head_width), top = max s over all keys,
+ * and factor and fraction of dvsm_fixed_slope_make():
  *
  *   p[key] = dvsm_fixed_exp2((top - s) factor >> 16, fraction), 0..23150
  *   O[d]   = sum of p v, sum = sum of p: exact, whatever the order
@@ -268,7 +272,7 @@ struct dvsm_fixed_attention {
 	size_t q_stride;
 	const struct dvsm_fixed_scale *q_scale; /* scale_stride apart */
 	size_t scale_stride;
-	size_t queries;  /* 0..DVSM_FIXED_QUERIES */
+	size_t queries;  /* 0..the table's attention_queries */
 	const int8_t *k; /* packed keys, 64-byte aligned; padded ones are readable, and so are
 			  * DVSM_FIXED_BEHIND_KEYS */
 	const int8_t *v; /* packed values, likewise; padded keys are 0 */
@@ -303,11 +307,11 @@ static inline bool dvsm_fixed_scores_fit(size_t queries, size_t keys)
 	return dvsm_fixed_scores_stride(keys) <= DVSM_FIXED_SCORES / queries;
 }
 
-/** Scores, both planes of p for a tile, accumulators of two widths, a few numbers a query. */
+/** Words, both planes of p for a tile, accumulators of two widths, a few numbers a query. */
 static inline size_t dvsm_fixed_attention_scratch(size_t head_width)
 {
-	return DVSM_FIXED_SCORES * sizeof(int16_t) +
-	       DVSM_FIXED_QUERIES * (DVSM_FIXED_KEYS * 2 + head_width * 16 + 320);
+	return DVSM_FIXED_SCORES * sizeof(int16_t) + DVSM_FIXED_QUERIES * DVSM_FIXED_KEYS * 2 +
+	       DVSM_FIXED_MOST_QUERIES * (head_width * 9 + 512);
 }
 
 /** One set of kernels. A tier leaves NULL what the tiers below it do as well. */
@@ -324,6 +328,7 @@ struct dvsm_fixed_kernels {
 	dvsm_fixed_pack_fn *pack_keys;
 	dvsm_fixed_pack_fn *pack_values;
 	dvsm_fixed_attention_fn *attention;
+	size_t attention_queries; /* most it takes: DVSM_FIXED_QUERIES, or _MOST_QUERIES */
 };
 
 /**

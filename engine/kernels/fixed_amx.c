@@ -20,4 +20,5 @@ const struct dvsm_fixed_kernels dvsm_fixed_kernels_amx = {
 	.name = "amx",
 	.gemm = gemm,
 	.attention = attention,
+	.attention_queries = DVSM_FIXED_MOST_QUERIES,
 };

@@ -25,7 +25,7 @@
 #define SPAN ((size_t)8)
 
 /* Blocks whose words are kept between the passes, and stay in the second-level cache. */
-#define KEPT ((size_t)128)
+#define KEPT ((size_t)DVSM_FIXED_MANY_KEYS / KEYS)
 
 /*
  * Where there are more, words are made twice, and all groups of a call pass over so many blocks
@@ -34,7 +34,7 @@
 #define CHUNK ((size_t)32)
 
 /* Groups of a call. */
-#define GROUPS (DVSM_FIXED_QUERIES / TILE)
+#define GROUPS (DVSM_FIXED_MOST_QUERIES / TILE)
 
 /* Sums of a pair: two groups of channels with both planes, which four tiles hold. */
 #define PAIR_SUMS (4 * TILE * TILE)
@@ -48,6 +48,7 @@ struct group {
 	size_t pairs;    /* of groups of sixteen channels */
 	size_t blocks;   /* of all keys */
 	size_t chunk;    /* blocks that are passed over at a time */
+	size_t lines;    /* of a block's keys, or values: what the group calls of those to come */
 	int8_t *q;       /* [slices][TILE][DEPTH], 0 beyond the head */
 	int32_t *scores; /* [2 blocks][4][TILE queries][TILE keys] */
 	int16_t *words;  /* [KEPT][TILE][KEYS] */
@@ -107,11 +108,12 @@ static inline const int8_t *values_at(const struct group *group, size_t block)
  */
 static inline void call_ahead(const struct group *group, const int8_t *from, size_t i)
 {
-	const size_t bytes = KEYS * group->width / DVSM_FIXED_QUERIES;
+	const size_t each = group->lines, first = (group->first + i) * each / TILE;
+	const size_t end = (group->first + i + 1) * each / TILE;
 
-	from += group->chunk * KEYS * group->width + (group->first + i) * bytes;
-	for (size_t at = 0; at < bytes; at += 64)
-		_mm_prefetch(from + at, _MM_HINT_T1);
+	from += group->chunk * KEYS * group->width;
+	for (size_t line = first; line < end; line++)
+		_mm_prefetch(from + line * 64, _MM_HINT_T1);
 }
 
 /* ---- scores ---- */
@@ -418,6 +420,7 @@ static void start(const struct dvsm_fixed_attention *job, size_t first, size_t i
 		.pairs = pairs,
 		.blocks = blocks,
 		.chunk = blocks > KEPT ? CHUNK : blocks,
+		.lines = job->head_width * TILE / dvsm_fixed_pad(job->queries, TILE),
 		.words = take(&at, KEPT * BLOCK_SCORES * sizeof(int16_t)),
 		.scores = take(&at, 2 * BLOCK_SCORES * sizeof(int32_t)),
 		.planes = take(&at, SPAN * 2 * BLOCK_SCORES),

@@ -183,4 +183,5 @@ const struct dvsm_fixed_kernels dvsm_fixed_kernels_scalar = {
 	.pack_keys = pack_keys,
 	.pack_values = pack_values,
 	.attention = attention,
+	.attention_queries = DVSM_FIXED_QUERIES,
 };

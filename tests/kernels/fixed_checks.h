@@ -175,6 +175,7 @@ static inline int find_tiers(const char *program)
 		model.name = "amx, modelled";
 		model.gemm = amx_model_fixed_kernels.gemm;
 		model.attention = amx_model_fixed_kernels.attention;
+		model.attention_queries = amx_model_fixed_kernels.attention_queries;
 		tiers[tier_count++] = model;
 	}
 #endif

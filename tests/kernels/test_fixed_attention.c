@@ -75,7 +75,7 @@ static void check_attention(const struct dvsm_fixed_kernels *tier)
 	struct dvsm_fixed_attention job = {
 		.q_stride = width * (size_t)between(1, 3),
 		.scale_stride = (size_t)between(1, 3),
-		.queries = edge(0) % (DVSM_FIXED_QUERIES + 1),
+		.queries = edge(0) % (tier->attention_queries + 1),
 		.keys = edge(0) + (between(0, 1) ? 0 : 256 * (size_t)between(0, 5)) +
 			(between(0, 60) ? 0 : 8192),
 		.dim = dim,
