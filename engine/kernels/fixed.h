@@ -257,8 +257,8 @@ typedef void dvsm_fixed_pack_fn(const struct dvsm_fixed_pack *job);
 
 /**
  * One head's attention for up to the table's attention_queries queries. Per query, with the words
- * s[key] = (sum over d of q k) >> dvsm_fixed_score_shift(head_width), top = max s over all keys,
- * and factor and fraction of dvsm_fixed_slope_make():
+ * s[key] = (sum over d of q k) >> dvsm_fixed_score_shift(q), top = max s over all keys, and
+ * factor and fraction of dvsm_fixed_slope_make():
  *
  *   p[key] = dvsm_fixed_exp2((top - s) factor >> 16, fraction), 0..23150
  *   O[d]   = sum of p v, sum = sum of p: exact, whatever the order

@@ -175,13 +175,15 @@ static void gather_queries(const struct group *group)
 
 /* Words of four rows of a block's scores, and the largest of all so far. */
 DVSM_INLINE void keep_words(const struct group *group, size_t block, const size_t first,
-			    __m512i shift, const __mmask32 lanes[2], __m512i tops[TILE])
+			    const __mmask32 lanes[2], __m512i tops[TILE])
 {
 	const int32_t *scores = scores_at(group, block);
 	int16_t *words = words_at(group, block);
 
 	DVSM_UNROLL
 	for (size_t i = first; i < first + 4; i++) {
+		const __m512i shift = _mm512_set1_epi32(group->slopes[i].shift);
+
 		DVSM_UNROLL
 		for (size_t half = 0; half < 2; half++) {
 			const int32_t *from = scores + (2 * half * TILE + i) * TILE;
@@ -196,8 +198,7 @@ DVSM_INLINE void keep_words(const struct group *group, size_t block, const size_
 }
 
 /* Makes the words of a block, and the scores of the next one where `ahead`. */
-DVSM_INLINE void word_step(const struct group *group, size_t block, bool ahead, __m512i shift,
-			   __m512i tops[TILE])
+DVSM_INLINE void word_step(const struct group *group, size_t block, bool ahead, __m512i tops[TILE])
 {
 	const size_t key_bytes = TILE * group->width, count = block_keys(group, block);
 	const __mmask32 lanes[2] = {word_lanes(0, count), word_lanes(32, count)};
@@ -208,30 +209,28 @@ DVSM_INLINE void word_step(const struct group *group, size_t block, bool ahead, 
 		call_ahead(group, keys_at(group, block), i);
 	if (ahead)
 		SCORE_TILE(0, group, k);
-	keep_words(group, block, 0, shift, lanes, tops);
+	keep_words(group, block, 0, lanes, tops);
 	if (ahead) {
 		SCORE_TILE(1, group, k + key_bytes);
 		AMX_STORE(0, next, 64);
 	}
-	keep_words(group, block, 4, shift, lanes, tops);
+	keep_words(group, block, 4, lanes, tops);
 	if (ahead) {
 		SCORE_TILE(2, group, k + 2 * key_bytes);
 		AMX_STORE(1, next + TILE * TILE, 64);
 	}
-	keep_words(group, block, 8, shift, lanes, tops);
+	keep_words(group, block, 8, lanes, tops);
 	if (ahead) {
 		SCORE_TILE(3, group, k + 3 * key_bytes);
 		AMX_STORE(2, next + 2 * TILE * TILE, 64);
 	}
-	keep_words(group, block, 12, shift, lanes, tops);
+	keep_words(group, block, 12, lanes, tops);
 	if (ahead)
 		AMX_STORE(3, next + 3 * TILE * TILE, 64);
 }
 
 static void make_words(const struct group *group, struct range range)
 {
-	const __m512i shift =
-		keep(_mm512_set1_epi32(dvsm_fixed_score_shift(group->job->head_width)));
 	const size_t key_bytes = TILE * group->width;
 	const int8_t *k = keys_at(group, range.from);
 	int32_t *scores = scores_at(group, range.from);
@@ -250,7 +249,7 @@ static void make_words(const struct group *group, struct range range)
 	AMX_STORE(2, scores + 2 * TILE * TILE, 64);
 	AMX_STORE(3, scores + 3 * TILE * TILE, 64);
 	for (size_t block = range.from; block < range.to; block++)
-		word_step(group, block, block + 1 < range.to, shift, tops);
+		word_step(group, block, block + 1 < range.to, tops);
 	DVSM_UNROLL
 	for (size_t i = 0; i < TILE; i++)
 		_mm512_store_si512(group->tops + i * 16, tops[i]);
@@ -431,8 +430,10 @@ static void start(const struct dvsm_fixed_attention *job, size_t first, size_t i
 	group->total = take(&at, tops);
 	group->sums = take(&at, pairs * PAIR_SUMS * sizeof(int32_t));
 	for (size_t i = 0; i < TILE; i++) {
-		group->slopes[i] = slope_make(job->q_scale[query_at(group, i) * job->scale_stride],
-					      job->head_width);
+		const size_t query = query_at(group, i);
+
+		group->slopes[i] = slope_make(job->q_scale[query * job->scale_stride],
+					      job->q + query * job->q_stride, job->head_width);
 		_mm512_store_si512(group->tops + i * 16, _mm512_set1_epi16(INT16_MIN));
 		_mm512_store_si512(group->total + i * 16, _mm512_setzero_si512());
 	}

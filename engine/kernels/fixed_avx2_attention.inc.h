@@ -11,6 +11,7 @@
 /* A query on its way; the arrays lie in the scratch. */
 struct query {
 	struct dvsm_fixed_slope slope;
+	int shift; /* of its words */
 	int16_t top;
 	int64_t sum;
 	struct row_bytes q; /* [head_width] */
@@ -23,7 +24,6 @@ struct query {
 static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count,
 		  size_t first)
 {
-	const __m128i shift = _mm_cvtsi32_si128(dvsm_fixed_score_shift(head_width));
 	struct row_bytes rows[QUERIES];
 
 	for (int i = 0; i < QUERIES; i++)
@@ -37,6 +37,7 @@ static void score(const struct query *queries, const int8_t *k, size_t head_widt
 		dot_bytes(QUERIES, rows, k + at * head_width, head_width / 4, sums);
 		DVSM_UNROLL
 		for (int i = 0; i < QUERIES; i++) {
+			const __m128i shift = _mm_cvtsi32_si128(queries[i].shift);
 			__m256i words = _mm256_packs_epi32(_mm256_sra_epi32(sums[i][0], shift),
 							   _mm256_sra_epi32(sums[i][1], shift));
 
@@ -184,12 +185,13 @@ static void write_out(const struct dvsm_fixed_attention *job, const struct query
 
 static void start(const struct dvsm_fixed_attention *job, size_t index, struct query *query)
 {
-	query->slope =
-		dvsm_fixed_slope_make(job->q_scale[index * job->scale_stride], job->head_width);
+	const int8_t *q = job->q + index * job->q_stride;
+
+	query->shift = dvsm_fixed_score_shift(q, job->head_width);
+	query->slope = dvsm_fixed_slope_make(job->q_scale[index * job->scale_stride], query->shift);
 	query->top = INT16_MIN;
 	query->sum = 0;
-	query->q = row_prepare(job->q + index * job->q_stride, job->head_width,
-			       (uint8_t *)(query->o_low + job->head_width));
+	query->q = row_prepare(q, job->head_width, (uint8_t *)(query->o_low + job->head_width));
 	memset(query->o, 0, job->head_width * sizeof(*query->o));
 	memset(query->o_low, 0, job->head_width * sizeof(*query->o_low));
 }

@@ -20,6 +20,20 @@ static inline __m512i score_words(__m512i first, __m512i second, __m512i shift)
 				  _mm512_srav_epi32(second, shift));
 }
 
+/* dvsm_fixed_score_shift() */
+static inline int score_shift(const int8_t *q, size_t head_width)
+{
+	__m512i sum = _mm512_setzero_si512();
+
+	for (size_t d = 0; d < head_width; d += 64) {
+		const __mmask16 lanes = first_lanes((head_width - d) / 4);
+		const __m512i numbers = _mm512_abs_epi8(_mm512_maskz_loadu_epi32(lanes, q + d));
+
+		sum = _mm512_add_epi64(sum, _mm512_sad_epu8(numbers, _mm512_setzero_si512()));
+	}
+	return dvsm_fixed_word_shift((uint32_t)_mm512_reduce_add_epi64(sum));
+}
+
 /* Of 64 words from `first` on, 0 or 32, those whose key is below count. */
 static inline __mmask32 word_lanes(size_t first, size_t count)
 {
@@ -40,8 +54,10 @@ static inline __m512i larger_words(__m512i words)
 
 /* ---- weights ---- */
 
-/* What all words of a query meet, each twice, in both words of 32 bits. */
+/* What makes words of a query's scores, and what all of these meet: each twice, in both words of
+ * 32 bits. */
 struct slope {
+	int32_t shift; /* once */
 	int32_t top;
 	int32_t factor;
 	int32_t left, right; /* to the fraction's 16 bits; to twice the whole power */
@@ -52,11 +68,14 @@ static inline int32_t twice(int32_t word)
 	return (int32_t)(((uint32_t)word & 0xffff) * 0x10001u);
 }
 
-static inline struct slope slope_make(struct dvsm_fixed_scale scale, size_t head_width)
+static inline struct slope slope_make(struct dvsm_fixed_scale scale, const int8_t *q,
+				      size_t head_width)
 {
-	const struct dvsm_fixed_slope slope = dvsm_fixed_slope_make(scale, head_width);
+	const int shift = score_shift(q, head_width);
+	const struct dvsm_fixed_slope slope = dvsm_fixed_slope_make(scale, shift);
 
 	return (struct slope){
+		.shift = shift,
 		.factor = twice(slope.factor),
 		.left = twice(16 - slope.fraction),
 		.right = twice(slope.fraction - 1),

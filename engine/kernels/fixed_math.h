@@ -228,17 +228,27 @@ static inline int16_t dvsm_fixed_gelu(int16_t u, int fraction)
 #define DVSM_FIXED_EXP2_C   318
 
 /**
- * Scores become words: s >> dvsm_fixed_score_shift(head_width) fits 16 bits, whatever the int8
- * numbers are: head_width 127 128 <= 2^shift 32512. What goes is less than what a step of one
- * number of 127 moves, and int8 rounds head_width of them.
+ * Scores of a query become words, s >> shift: the least shift with which all fit 16 bits, whatever
+ * the int8 keys are.
+ *
+ * sum  of |q|: |s| <= 128 sum <= 2^shift 32640
  */
-static inline int dvsm_fixed_score_shift(size_t head_width)
+static inline int dvsm_fixed_word_shift(uint32_t sum)
 {
 	int shift = 0;
 
-	while (head_width > (size_t)2 << shift)
+	while (sum > 255u << shift)
 		shift++;
 	return shift;
+}
+
+static inline int dvsm_fixed_score_shift(const int8_t *q, size_t head_width)
+{
+	uint32_t sum = 0;
+
+	for (size_t d = 0; d < head_width; d++)
+		sum += (uint32_t)(q[d] < 0 ? -q[d] : q[d]);
+	return dvsm_fixed_word_shift(sum);
 }
 
 /**
@@ -275,11 +285,12 @@ struct dvsm_fixed_slope {
  * if it were worth that.
  *
  * scale  powers of two that 1 is worth, as a score before it becomes a word
+ * shift  of its words
  */
 static inline struct dvsm_fixed_slope dvsm_fixed_slope_make(struct dvsm_fixed_scale scale,
-							    size_t head_width)
+							    int shift)
 {
-	const int fraction = -15 - scale.exponent - dvsm_fixed_score_shift(head_width);
+	const int fraction = -15 - scale.exponent - shift;
 	const int factor = 2 * scale.mantissa;
 
 	if (fraction < 1)

@@ -178,6 +178,7 @@ struct places {
 	int32_t *sums;      /* [queries][WIDTH] twice */
 	int64_t *total;     /* [queries] sums of p */
 	int16_t *top;       /* [queries] */
+	int16_t *shift;     /* [queries] of their words */
 };
 
 static struct places place(const struct dvsm_fixed_attention *job)
@@ -193,7 +194,8 @@ static struct places place(const struct dvsm_fixed_attention *job)
 	made.sums = (int32_t *)(void *)(made.total + queries);
 	/* head_width is at least WIDTH: sums fit what the other accumulators leave. */
 	made.top = (int16_t *)(void *)(made.sums + queries * WIDTH * 2);
-	made.high = (int8_t *)(made.top + queries);
+	made.shift = made.top + queries;
+	made.high = (int8_t *)(made.shift + queries);
 	made.low = made.high + queries * keys;
 	return made;
 }
@@ -331,14 +333,13 @@ static inline void keep_words(const int32_t sums[WIDTH], int shift, int16_t word
 static void score(const struct dvsm_fixed_attention *job, const struct places *at, size_t first,
 		  size_t padded)
 {
-	const int shift = dvsm_fixed_score_shift(job->head_width);
 	int16_t *scores = at->scores + (at->kept ? first : 0);
 
 	for (size_t key = 0; key < padded; key += WIDTH) {
 		dot(job->q, job->q_stride, job->queries, job->k + (first + key) * job->head_width,
 		    4 * WIDTH, job->head_width / 4, at->sums, WIDTH);
 		for (size_t i = 0; i < job->queries; i++)
-			keep_words(at->sums + i * WIDTH, shift,
+			keep_words(at->sums + i * WIDTH, at->shift[i],
 				   scores + i * at->scores_stride + key);
 	}
 }
@@ -360,7 +361,7 @@ static void weigh_tile(const struct dvsm_fixed_attention *job, const struct plac
 	for (size_t i = 0; i < job->queries; i++) {
 		const struct dvsm_fixed_scale scale = job->q_scale[i * job->scale_stride];
 		const struct slope_lanes slope =
-			slope_lanes_make(dvsm_fixed_slope_make(scale, job->head_width), at->top[i]);
+			slope_lanes_make(dvsm_fixed_slope_make(scale, at->shift[i]), at->top[i]);
 		const int16_t *words = at->scores + i * at->scores_stride + (at->kept ? first : 0);
 
 		at->total[i] += weigh(words, count, padded, &slope, at->high + i * DVSM_FIXED_KEYS,
@@ -389,6 +390,9 @@ static void attention(const struct dvsm_fixed_attention *job)
 
 	memset(at.o, 0, job->queries * job->head_width * sizeof(*at.o));
 	memset(at.total, 0, job->queries * sizeof(*at.total));
+	for (size_t i = 0; i < job->queries; i++)
+		at.shift[i] = (int16_t)dvsm_fixed_score_shift(job->q + i * job->q_stride,
+							      job->head_width);
 	for (size_t first = 0; first < job->keys; first += DVSM_FIXED_KEYS) {
 		const size_t count = dvsm_fixed_tile_keys(job, first);
 

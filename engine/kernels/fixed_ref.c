@@ -77,9 +77,8 @@ static void gemm(const struct dvsm_fixed_gemm *job)
 
 /* Scores of a tile's keys; the last group of 16 may reach into the padding. Returns the largest. */
 static int16_t score(const struct dvsm_fixed_attention *job, const int8_t *q, size_t first,
-		     size_t count, int16_t *scores)
+		     size_t count, int shift, int16_t *scores)
 {
-	const int shift = dvsm_fixed_score_shift(job->head_width);
 	int16_t largest = INT16_MIN;
 
 	for (size_t key = 0; key < count; key += DVSM_FIXED_PANEL) {
@@ -122,13 +121,14 @@ static void attend(const struct dvsm_fixed_attention *job, const int8_t *q,
 		   struct dvsm_fixed_scale scale, int16_t *scores, int64_t *o, int16_t *out)
 {
 	const bool kept = job->keys <= DVSM_FIXED_SCORES;
-	struct dvsm_fixed_slope slope = dvsm_fixed_slope_make(scale, job->head_width);
+	const int word_shift = dvsm_fixed_score_shift(q, job->head_width);
+	struct dvsm_fixed_slope slope = dvsm_fixed_slope_make(scale, word_shift);
 	int32_t *parts = (int32_t *)(void *)(o + job->head_width);
 	int16_t top = INT16_MIN, p[DVSM_FIXED_KEYS];
 	int64_t sum = 0;
 
 	for (size_t first = 0; first < job->keys; first += DVSM_FIXED_KEYS) {
-		int16_t largest = score(job, q, first, dvsm_fixed_tile_keys(job, first),
+		int16_t largest = score(job, q, first, dvsm_fixed_tile_keys(job, first), word_shift,
 					kept ? scores + first : scores);
 
 		top = largest > top ? largest : top;
@@ -139,7 +139,7 @@ static void attend(const struct dvsm_fixed_attention *job, const int8_t *q,
 		const int16_t *tile = kept ? scores + first : scores;
 
 		if (!kept)
-			score(job, q, first, count, scores);
+			score(job, q, first, count, word_shift, scores);
 		for (size_t key = 0; key < count; key++) {
 			p[key] = (int16_t)weight(slope, top, tile[key]);
 			sum += p[key];

@@ -37,7 +37,8 @@ static void start(const struct dvsm_fixed_attention *job, size_t index, struct q
 	__m512i sum = _mm512_setzero_si512();
 
 	query->q = job->q + index * job->q_stride;
-	query->slope = slope_make(job->q_scale[index * job->scale_stride], job->head_width);
+	query->slope =
+		slope_make(job->q_scale[index * job->scale_stride], query->q, job->head_width);
 	query->top = INT16_MIN;
 	query->sum = 0;
 	for (size_t d = 0; d < job->head_width; d += 16)
@@ -68,7 +69,6 @@ DVSM_INLINE void score_groups(const int groups, const struct query *queries, con
 			      size_t head_width, size_t at)
 {
 	const __m512i flip = _mm512_set1_epi8(INT8_MIN);
-	const __m512i shift = _mm512_set1_epi32(dvsm_fixed_score_shift(head_width));
 	__m512i sums[QUERIES][SCORE_GROUPS];
 
 	DVSM_UNROLL
@@ -98,7 +98,8 @@ DVSM_INLINE void score_groups(const int groups, const struct query *queries, con
 	DVSM_UNROLL
 	for (int i = 0; i < QUERIES; i++)
 		_mm512_store_si512(queries[i].scores + at,
-				   score_words(sums[i][0], sums[i][groups - 1], shift));
+				   score_words(sums[i][0], sums[i][groups - 1],
+					       _mm512_set1_epi32(queries[i].slope.shift)));
 }
 
 /* All of a tile; the last group may reach into the padding, or be there twice. */
