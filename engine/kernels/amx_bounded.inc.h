@@ -121,7 +121,6 @@ DVSM_INLINE void weigh_rows(const struct curve *curve, struct rows *rows, const 
 {
 	if (rows->left == 0)
 		return;
-	DVSM_UNROLL
 	for (size_t i = 0; i < count; i++) {
 		__m512i weights = weights_of(curve, rows->scores + i * 2 * TILE, rows->lanes);
 		float *sums = rows->sums + i * TILE;
