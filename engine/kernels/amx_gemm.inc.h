@@ -203,12 +203,6 @@ enum stream { STREAM_NONE, STREAM_A, STREAM_W };
 #define NOTHING(tile)     (void)0
 #define LEAVE_BLOCK(tile) LEAVE(tile, block)
 
-DVSM_INLINE void multiply_step(const number *a, const number *a2, const number *w, const number *w2,
-			       enum stream stream)
-{
-	MULTIPLY_STEP(a, a2, w, w2, stream, NOTHING, (void)0);
-}
-
 /* A part of a product's depth, all rows, two panels: what multiply_whole() works on. */
 struct stretch {
 	size_t depth, steps, col;

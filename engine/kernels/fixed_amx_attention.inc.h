@@ -229,11 +229,19 @@ DVSM_INLINE void word_step(const struct group *group, size_t block, bool ahead, 
 		AMX_STORE(3, next + 3 * TILE * TILE, 64);
 }
 
+/* Sums of tiles 0 to 3, tile behind tile. */
+static inline void store_tiles(int32_t *to)
+{
+	AMX_STORE(0, to, 64);
+	AMX_STORE(1, to + TILE * TILE, 64);
+	AMX_STORE(2, to + 2 * TILE * TILE, 64);
+	AMX_STORE(3, to + 3 * TILE * TILE, 64);
+}
+
 static void make_words(const struct group *group, struct range range)
 {
 	const size_t key_bytes = TILE * group->width;
 	const int8_t *k = keys_at(group, range.from);
-	int32_t *scores = scores_at(group, range.from);
 	__m512i tops[TILE];
 
 	DVSM_UNROLL
@@ -244,10 +252,7 @@ static void make_words(const struct group *group, struct range range)
 	SCORE_TILE(1, group, k + key_bytes);
 	SCORE_TILE(2, group, k + 2 * key_bytes);
 	SCORE_TILE(3, group, k + 3 * key_bytes);
-	AMX_STORE(0, scores, 64);
-	AMX_STORE(1, scores + TILE * TILE, 64);
-	AMX_STORE(2, scores + 2 * TILE * TILE, 64);
-	AMX_STORE(3, scores + 3 * TILE * TILE, 64);
+	store_tiles(scores_at(group, range.from));
 	for (size_t block = range.from; block < range.to; block++)
 		word_step(group, block, block + 1 < range.to, tops);
 	DVSM_UNROLL
@@ -270,14 +275,6 @@ static inline void open_sums(const int32_t *sums, bool begin)
 	AMX_LOAD(1, sums + TILE * TILE, 64);
 	AMX_LOAD(2, sums + 2 * TILE * TILE, 64);
 	AMX_LOAD(3, sums + 3 * TILE * TILE, 64);
-}
-
-static inline void close_sums(int32_t *sums)
-{
-	AMX_STORE(0, sums, 64);
-	AMX_STORE(1, sums + TILE * TILE, 64);
-	AMX_STORE(2, sums + 2 * TILE * TILE, 64);
-	AMX_STORE(3, sums + 3 * TILE * TILE, 64);
 }
 
 /* A block's weights times its values of two groups of channels, of which one may be all. */
@@ -308,7 +305,7 @@ static void mix_span(const struct group *group, struct range range)
 		open_sums(sums, range.from == 0);
 		for (size_t block = range.from; block < range.to; block++)
 			mix_block(group, block, pair);
-		close_sums(sums);
+		store_tiles(sums);
 	}
 }
 
