@@ -1,4 +1,4 @@
-"""The network's blocks in C (train/blocks), for processors with AMX or AVX512-BF16: one autograd
+"""The network's blocks in C (train/blocks), for processors with AVX-512: one autograd
 function over all of them. What the C code cannot do - other devices, other head sizes - stays with
 PyTorch."""
 import ctypes
@@ -9,7 +9,8 @@ import torch
 import source
 
 # In the order of preference.
-BUILDS = [os.path.join(source.LIBRARIES, f"libdio_blocks_{name}.so") for name in ("amx", "avx512")]
+BUILDS = [os.path.join(source.LIBRARIES, f"libdio_blocks_{name}.so")
+          for name in ("amx", "avx512_bf16", "avx512")]
 
 
 class MuonWeight(ctypes.Structure):

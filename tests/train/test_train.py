@@ -259,7 +259,7 @@ class Trainer(unittest.TestCase):
             net = kind(config)
             blocks = fast.make_blocks(net)
             if not blocks:
-                self.skipTest("no AMX, or libdio_blocks.so was not built")
+                self.skipTest("no AVX-512, or the blocks in C were not built")
             with torch.no_grad():  # scores and norms that are not trivial
                 for weight in net.parameters():
                     weight.add_(torch.randn_like(weight) * (0.1 if weight.dim() == 1 else 0.03))
@@ -276,7 +276,7 @@ class Trainer(unittest.TestCase):
     def test_muon_in_c_steps_as_pytorch_does(self):
         library = fast.open_library()
         if not library:
-            self.skipTest("no AMX, or libdio_blocks.so was not built")
+            self.skipTest("no AVX-512, or the blocks in C were not built")
         shapes, weights, optimisers = ((192, 64), (64, 64), (256, 64), (64, 256)), [], []
         for native in (None, library):
             torch.manual_seed(2)

@@ -11,14 +11,50 @@ static inline __m512 load_bf16(const uint16_t *p)
 	return _mm512_castsi512_ps(_mm512_slli_epi32(wide, 16));
 }
 
-static inline void store_bf16(uint16_t *p, __m512 low, __m512 high)
+#ifdef __AVX512BF16__
+
+/* 32 values, rounded to the nearest bfloat16. */
+static inline __m512i round_bf16(__m512 low, __m512 high)
 {
-	_mm512_storeu_si512(p, (__m512i)_mm512_cvtne2ps_pbh(high, low));
+	return (__m512i)_mm512_cvtne2ps_pbh(high, low);
 }
 
 static inline void store_bf16_16(uint16_t *p, __m512 x)
 {
 	_mm256_storeu_si256((__m256i *)p, (__m256i)_mm512_cvtneps_pbh(x));
+}
+
+#else
+
+/* The nearest bfloat16 in the upper half of each word, ties to even; what is below is left over. */
+static inline __m512i round_words(__m512 x)
+{
+	__m512i bits = _mm512_castps_si512(x), one = _mm512_set1_epi32(1);
+	__m512i odd = _mm512_and_si512(_mm512_srli_epi32(bits, 16), one);
+	return _mm512_add_epi32(bits, _mm512_add_epi32(odd, _mm512_set1_epi32(0x7fff)));
+}
+
+/* 32 values, rounded to the nearest bfloat16. */
+static inline __m512i round_bf16(__m512 low, __m512 high)
+{
+	static const uint16_t upper[32] = {1,  3,  5,  7,  9,  11, 13, 15, 17, 19, 21,
+					   23, 25, 27, 29, 31, 33, 35, 37, 39, 41, 43,
+					   45, 47, 49, 51, 53, 55, 57, 59, 61, 63};
+	return _mm512_permutex2var_epi16(round_words(low), _mm512_loadu_si512(upper),
+					 round_words(high));
+}
+
+static inline void store_bf16_16(uint16_t *p, __m512 x)
+{
+	__m512i words = _mm512_srli_epi32(round_words(x), 16);
+	_mm256_storeu_si256((__m256i *)p, _mm512_cvtepi32_epi16(words));
+}
+
+#endif
+
+static inline void store_bf16(uint16_t *p, __m512 low, __m512 high)
+{
+	_mm512_storeu_si512(p, round_bf16(low, high));
 }
 
 static inline void to_bf16(const float *x, size_t count, uint16_t *out)
