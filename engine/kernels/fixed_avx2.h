@@ -82,12 +82,6 @@ static inline struct row_bytes row_prepare(const int8_t *bytes, size_t count, ui
 	return (struct row_bytes){bytes, -128 * _mm_cvtsi128_si32(sum)};
 }
 
-/** What a sum over the row's bytes begins with. */
-static inline __m256i row_begin(const struct row_bytes *row)
-{
-	return _mm256_set1_epi32(row->begin);
-}
-
 /** sums += `steps` times four numbers of each row with sixteen packed columns, 64 bytes a step. */
 DVSM_INLINE void dot_bytes(const int rows, const struct row_bytes *a, const int8_t *columns,
 			   size_t steps, __m256i sums[][2])
@@ -113,33 +107,44 @@ DVSM_INLINE void dot_bytes(const int rows, const struct row_bytes *a, const int8
 #else
 
 /*
- * vpmaddubsw multiplies unsigned by signed bytes: the sizes of the rows by the columns, which take
- * the rows' signs over. Two products fit its 16 bits, for a column has no -128.
+ * vpmaddubsw multiplies unsigned by signed bytes: the sizes of the row by the columns, whose bits
+ * are flipped where the row is negative. To flip is to negate and take 1 off, so that each negative
+ * number of the row leaves its size missing, in every column: a sum begins with them. Two products
+ * fit its 16 bits, for a column has no -128.
  */
 struct row_bytes {
-	const int8_t *bytes;
-	const uint8_t *sizes;
+	const uint8_t *steps; /* of four numbers: their signs (0 or 255), then their sizes */
+	int32_t begin;
 };
 
 /* 8 sums, 2 columns, 4 on the way to a sum, ones. */
 #define BYTE_ROWS 4
 
-#define ROW_ROOM(count) (count)
+/** sums += a. gcc 12 moves and spills sums of the intrinsic. */
+static inline __m256i add_sums(__m256i sums, __m256i a)
+{
+	__asm__("vpaddd %1, %0, %0" : "+x"(sums) : "x"(a));
+	return sums;
+}
+
+#define ROW_ROOM(count) (2 * (count))
 
 static inline struct row_bytes row_prepare(const int8_t *bytes, size_t count, uint8_t *room)
 {
+	const __m128i zero = _mm_setzero_si128();
+	__m128i missing = zero;
+
 	for (size_t i = 0; i < count; i += 16) {
 		__m128i a = _mm_loadu_si128((const __m128i *)(bytes + i));
+		__m128i sizes = _mm_abs_epi8(a), signs = _mm_cmpgt_epi8(zero, a);
+		__m128i *to = (__m128i *)(room + 2 * i);
 
-		_mm_storeu_si128((__m128i *)(room + i), _mm_abs_epi8(a));
+		missing = _mm_add_epi64(missing, _mm_sad_epu8(_mm_and_si128(sizes, signs), zero));
+		_mm_storeu_si128(to, _mm_unpacklo_epi32(signs, sizes));
+		_mm_storeu_si128(to + 1, _mm_unpackhi_epi32(signs, sizes));
 	}
-	return (struct row_bytes){bytes, room};
-}
-
-static inline __m256i row_begin(const struct row_bytes *row)
-{
-	(void)row;
-	return _mm256_setzero_si256();
+	missing = _mm_add_epi64(missing, _mm_unpackhi_epi64(missing, missing));
+	return (struct row_bytes){room, _mm_cvtsi128_si32(missing)};
 }
 
 DVSM_INLINE void dot_bytes(const int rows, const struct row_bytes *a, const int8_t *columns,
@@ -147,29 +152,37 @@ DVSM_INLINE void dot_bytes(const int rows, const struct row_bytes *a, const int8
 {
 	const __m256i ones = _mm256_set1_epi16(1);
 
-	for (size_t at = 0; at < 4 * steps; at += 4, columns += 64) {
-		const __m256i left = _mm256_load_si256((const __m256i *)columns);
-		const __m256i right = _mm256_load_si256((const __m256i *)(columns + 32));
+	for (size_t at = 0; at < 8 * steps; at += 8, columns += 64) {
+		__m256i left = _mm256_load_si256((const __m256i *)columns);
+		__m256i right = _mm256_load_si256((const __m256i *)(columns + 32));
 
+		/* In registers: gcc 12 would read them again for each row. */
+		__asm__("" : "+x"(left), "+x"(right));
 		DVSM_UNROLL
 		for (int i = 0; i < rows; i++) {
-			__m256i x = broadcast_bytes(a[i].bytes + at);
-			__m256i size = broadcast_bytes(a[i].sizes + at);
-			__m256i l = _mm256_maddubs_epi16(size, _mm256_sign_epi8(left, x));
-			__m256i r = _mm256_maddubs_epi16(size, _mm256_sign_epi8(right, x));
+			__m256i signs = broadcast_bytes(a[i].steps + at);
+			__m256i sizes = broadcast_bytes(a[i].steps + at + 4);
+			__m256i l = _mm256_maddubs_epi16(sizes, _mm256_xor_si256(left, signs));
+			__m256i r = _mm256_maddubs_epi16(sizes, _mm256_xor_si256(right, signs));
 
-			sums[i][0] = _mm256_add_epi32(sums[i][0], _mm256_madd_epi16(l, ones));
-			sums[i][1] = _mm256_add_epi32(sums[i][1], _mm256_madd_epi16(r, ones));
+			sums[i][0] = add_sums(sums[i][0], _mm256_madd_epi16(l, ones));
+			sums[i][1] = add_sums(sums[i][1], _mm256_madd_epi16(r, ones));
 		}
 	}
 }
 
 static inline __m256i add_words(__m256i sums, __m256i a, __m256i b)
 {
-	return _mm256_add_epi32(sums, _mm256_madd_epi16(a, b));
+	return add_sums(sums, _mm256_madd_epi16(a, b));
 }
 
 #endif
+
+/** What a sum over the row's bytes begins with. */
+static inline __m256i row_begin(const struct row_bytes *row)
+{
+	return _mm256_set1_epi32(row->begin);
+}
 
 static inline __m256i broadcast_words(const int16_t *words)
 {

@@ -18,7 +18,7 @@ struct query {
 	int16_t *scores;    /* words, as many as are kept */
 	int16_t *weights;   /* [DVSM_FIXED_KEYS] ordered words */
 	int32_t *o;         /* [head_width] sums above their last 8 bits */
-	int32_t *o_low;     /* [head_width] those bits; behind them q's bytes */
+	int32_t *o_low;     /* [head_width] those bits; behind them what row_prepare() makes of q */
 };
 
 static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count,

@@ -1,36 +1,115 @@
 /* Template: fixed-point products of AVX2 and AVX-VNNI. */
 #include "kernels/fixed_avx2.h"
 
-/* Depth of the rows that is prepared at a time. */
-#define CHUNK 4096u
+/* Depth of a row that is prepared at a time, and room for the rows prepared together. */
+#define CHUNK      4096u
+#define STRIP_ROWS (8u * BYTE_ROWS)
+#define STRIP_ROOM (STRIP_ROWS * ROW_ROOM(CHUNK / 4))
 
-/* gelu() of eight saturated numbers. */
-static inline __m256i gelu_lanes(__m256i u, int fraction)
+/* GELU's table and its steps as bytes, the lower ones and the upper ones, 16 numbers a vector. */
+struct gelu {
+	int fraction;
+	__m256i low[4], high[4], step_low[4], step_high[4];
+};
+
+static struct gelu gelu_prepare(int fraction)
 {
-	const __m256i zero = _mm256_setzero_si256();
-	__m256i positive = _mm256_max_epi32(u, zero);
+	uint8_t bytes[4][64];
+	struct gelu gelu = {.fraction = fraction};
 
-	if (fraction < 2)
-		return positive;
+	/* Half a unit of the result goes with the table. */
+	for (int i = 0; i < 64; i++) {
+		const int at = dvsm_fixed_gelu_tail[i];
+		const unsigned step = (unsigned)(dvsm_fixed_gelu_tail[i + 1] - at);
+		const unsigned tail = (unsigned)at + (fraction < 2 ? 0 : 1u << (16 - fraction));
 
-	const __m256i most = _mm256_set1_epi32(16383);
-	const __m256i limit = _mm256_set1_epi32(16383 >> (12 - fraction));
-	__m256i size = _mm256_abs_epi32(u);
-	__m256i at = _mm256_sll_epi32(size, _mm_cvtsi32_si128(12 - fraction));
+		bytes[0][i] = (uint8_t)tail;
+		bytes[1][i] = (uint8_t)(tail >> 8);
+		bytes[2][i] = (uint8_t)step;
+		bytes[3][i] = (uint8_t)(step >> 8);
+	}
+	for (int i = 0; i < 4; i++) {
+		__m256i *planes[4] = {&gelu.low[i], &gelu.high[i], &gelu.step_low[i],
+				      &gelu.step_high[i]};
 
-	at = _mm256_blendv_epi8(at, most, _mm256_cmpgt_epi32(size, limit));
+		for (int plane = 0; plane < 4; plane++)
+			*planes[plane] = _mm256_broadcastsi128_si256(
+				_mm_loadu_si128((const __m128i *)(bytes[plane] + 16 * i)));
+	}
+	return gelu;
+}
 
-	/* A point of the table and the next one, in the two halves of a lane. */
-	__m256i points = _mm256_i32gather_epi32((const int *)(const void *)dvsm_fixed_gelu_tail,
-						_mm256_srli_epi32(at, 8), 2);
-	__m256i tail = _mm256_and_si256(points, _mm256_set1_epi32(0xffff));
-	__m256i step = _mm256_sub_epi32(_mm256_srli_epi32(points, 16), tail);
-	__m256i share = _mm256_slli_epi32(_mm256_and_si256(at, _mm256_set1_epi32(255)), 7);
+/* Where in the table 16 saturated numbers lie, with 8 bits behind the point. */
+static inline __m256i gelu_at(__m256i u, int fraction)
+{
+	const __m256i limit = _mm256_set1_epi16((int16_t)(16383 >> (12 - fraction)));
 
-	step = _mm256_add_epi32(_mm256_mullo_epi32(step, share), _mm256_set1_epi32(1 << 14));
-	tail = _mm256_add_epi32(tail, _mm256_srai_epi32(step, 15));
-	tail = _mm256_add_epi32(tail, _mm256_set1_epi32(1 << (16 - fraction)));
-	return _mm256_sub_epi32(positive, _mm256_srl_epi32(tail, _mm_cvtsi32_si128(17 - fraction)));
+	return _mm256_sll_epi16(_mm256_min_epu16(_mm256_abs_epi16(u), limit),
+				_mm_cvtsi32_si128(12 - fraction));
+}
+
+/* max(u, 0) less the table's number and the share of its step. */
+static inline __m256i gelu_words(__m256i u, __m256i at, __m256i tail, __m256i step, int fraction)
+{
+	__m256i share = _mm256_slli_epi16(_mm256_and_si256(at, _mm256_set1_epi16(255)), 7);
+
+	tail = _mm256_add_epi16(tail, _mm256_mulhrs_epi16(step, share));
+	return _mm256_sub_epi16(_mm256_max_epi16(u, _mm256_setzero_si256()),
+				_mm256_srl_epi16(tail, _mm_cvtsi32_si128(17 - fraction)));
+}
+
+/*
+ * dvsm_fixed_gelu() of 32 numbers, fraction 2 at least. Beyond the table its last number counts
+ * whose place the shift can write: less than half a unit of the result, as what belongs there.
+ *
+ * vpshufb looks up 16 bytes by the last four bits of a place, and gives 0 where the first is set.
+ * To add 0x70 sets it for all places but 0..15.
+ */
+static inline void gelu_lanes(const struct gelu *gelu, __m256i u[2])
+{
+	const __m256i beyond = _mm256_set1_epi8(0x70);
+	__m256i at[2] = {gelu_at(u[0], gelu->fraction), gelu_at(u[1], gelu->fraction)};
+	__m256i index =
+		_mm256_packus_epi16(_mm256_srli_epi16(at[0], 8), _mm256_srli_epi16(at[1], 8));
+	__m256i low = _mm256_setzero_si256(), high = low, step_low = low, step_high = low;
+
+	DVSM_UNROLL
+	for (int i = 0; i < 4; i++) {
+		__m256i here = _mm256_xor_si256(index, _mm256_set1_epi8((char)(16 * i)));
+
+		here = _mm256_adds_epu8(here, beyond);
+		low = _mm256_or_si256(low, _mm256_shuffle_epi8(gelu->low[i], here));
+		high = _mm256_or_si256(high, _mm256_shuffle_epi8(gelu->high[i], here));
+		step_low = _mm256_or_si256(step_low, _mm256_shuffle_epi8(gelu->step_low[i], here));
+		step_high =
+			_mm256_or_si256(step_high, _mm256_shuffle_epi8(gelu->step_high[i], here));
+	}
+	u[0] = gelu_words(u[0], at[0], _mm256_unpacklo_epi8(low, high),
+			  _mm256_unpacklo_epi8(step_low, step_high), gelu->fraction);
+	u[1] = gelu_words(u[1], at[1], _mm256_unpackhi_epi8(low, high),
+			  _mm256_unpackhi_epi8(step_low, step_high), gelu->fraction);
+}
+
+/* A row to its GELU, in place. */
+static void gelu_row(const struct gelu *gelu, int16_t *c, size_t count)
+{
+	size_t j = 0;
+
+	if (gelu->fraction < 2) {
+		for (; j < count; j++)
+			c[j] = c[j] > 0 ? c[j] : 0;
+		return;
+	}
+	for (; j + 32 <= count; j += 32) {
+		__m256i *at = (__m256i *)(c + j);
+		__m256i u[2] = {_mm256_loadu_si256(at), _mm256_loadu_si256(at + 1)};
+
+		gelu_lanes(gelu, u);
+		_mm256_storeu_si256(at, u[0]);
+		_mm256_storeu_si256(at + 1, u[1]);
+	}
+	for (; j < count; j++)
+		c[j] = dvsm_fixed_gelu(c[j], gelu->fraction);
 }
 
 /* As AVX-512 does it (fixed_avx512_finish.h): r in 32-bit lanes where the shifts allow. */
@@ -97,29 +176,40 @@ static inline void finish(const struct dvsm_fixed_gemm *job, const struct requan
 		_mm256_maskstore_epi32(c, mask, r);
 		return;
 	}
-	r = clamp_lanes(r, INT16_MIN, INT16_MAX);
-	if (job->epilogue == DVSM_FIXED_GELU)
-		r = gelu_lanes(r, job->fraction);
 	store_s16((int16_t *)job->c + at, r, left);
 }
 
 /* Rows on their way, prepared up to a chunk of their depth. */
 struct strip {
-	struct row_bytes rows[BYTE_ROWS];
-	uint8_t room[BYTE_ROWS][ROW_ROOM(CHUNK)];
+	struct row_bytes rows[STRIP_ROWS];
+	uint8_t room[STRIP_ROOM];
 };
 
-DVSM_INLINE void prepare(const int rows, const struct dvsm_fixed_gemm *job, size_t row, size_t d,
-			 size_t count, struct strip *strip)
+/* Rows that go into a strip: whole tiles of them. */
+static size_t strip_rows(const struct dvsm_fixed_gemm *job)
 {
-	for (int i = 0; i < rows; i++)
-		strip->rows[i] = row_prepare(job->a + (row + (size_t)i) * job->a_stride + d, count,
-					     strip->room[i]);
+	size_t rows = STRIP_ROWS;
+
+	if (job->depth > CHUNK)
+		return BYTE_ROWS;
+	if (rows * ROW_ROOM(job->depth) > STRIP_ROOM)
+		rows = STRIP_ROOM / ROW_ROOM(job->depth);
+	return rows / BYTE_ROWS * BYTE_ROWS;
 }
 
-/* `rows` rows (a constant where it is called) with the panel of column `col` on. */
+/* `count` numbers from depth `d` on of `rows` rows, as the strip's from `at` on. */
+static void prepare(const struct dvsm_fixed_gemm *job, size_t row, size_t at, size_t rows, size_t d,
+		    size_t count, struct strip *strip)
+{
+	for (size_t i = 0; i < rows; i++)
+		strip->rows[at + i] = row_prepare(job->a + (row + i) * job->a_stride + d, count,
+						  strip->room + (at + i) * ROW_ROOM(count));
+}
+
+/* Columns `col` and on of `rows` rows (a constant where it is called), the strip's from `at` on. */
 DVSM_INLINE void tile(const int rows, const struct dvsm_fixed_gemm *job,
-		      const struct requantise *how, size_t row, size_t col, struct strip *strip)
+		      const struct requantise *how, size_t row, size_t col, struct strip *strip,
+		      size_t at)
 {
 	const int8_t *w = job->panels + col * job->depth;
 	__m256i sums[BYTE_ROWS][2], done[BYTE_ROWS][2];
@@ -131,15 +221,15 @@ DVSM_INLINE void tile(const int rows, const struct dvsm_fixed_gemm *job,
 		size_t count = job->depth - d < CHUNK ? job->depth - d : CHUNK;
 
 		if (job->depth > CHUNK)
-			prepare(rows, job, row, d, count, strip);
+			prepare(job, row, at, (size_t)rows, d, count, strip);
 		DVSM_UNROLL
 		for (int i = 0; i < rows; i++) {
-			__m256i begin = row_begin(&strip->rows[i]);
+			__m256i begin = row_begin(&strip->rows[at + (size_t)i]);
 
 			sums[i][0] = _mm256_add_epi32(sums[i][0], begin);
 			sums[i][1] = _mm256_add_epi32(sums[i][1], begin);
 		}
-		dot_bytes(rows, strip->rows, w + d * DVSM_FIXED_PANEL, count / 4, sums);
+		dot_bytes(rows, strip->rows + at, w + d * DVSM_FIXED_PANEL, count / 4, sums);
 	}
 	DVSM_UNROLL
 	for (int i = 0; i < rows; i++) {
@@ -154,28 +244,40 @@ DVSM_INLINE void tile(const int rows, const struct dvsm_fixed_gemm *job,
 	}
 }
 
-/* All columns of `rows` rows: those are prepared once, the weights stream past them. */
-DVSM_INLINE void walk_columns(const int rows, const struct dvsm_fixed_gemm *job,
-			      const struct requantise *how, size_t row)
+/* The rows of a strip, `first` and on, with all columns: a panel of weights stays in the cache
+ * while they pass. */
+static void walk_strip(const struct dvsm_fixed_gemm *job, const struct requantise *how,
+		       size_t first, size_t rows, struct strip *strip)
 {
-	struct strip strip;
+	if (job->depth <= CHUNK)
+		prepare(job, first, 0, rows, 0, job->depth, strip);
+	for (size_t col = 0; col < job->cols; col += DVSM_FIXED_PANEL) {
+		size_t i = 0;
 
-	prepare(rows, job, row, 0, job->depth < CHUNK ? job->depth : CHUNK, &strip);
-	for (size_t col = 0; col < job->cols; col += DVSM_FIXED_PANEL)
-		tile(rows, job, how, row, col, &strip);
+		for (; i + BYTE_ROWS <= rows; i += BYTE_ROWS)
+			tile(BYTE_ROWS, job, how, first + i, col, strip, i);
+		if (BYTE_ROWS > 4 && i + 4 <= rows) {
+			tile(4, job, how, first + i, col, strip, i);
+			i += 4;
+		}
+		for (; i < rows; i++)
+			tile(1, job, how, first + i, col, strip, i);
+	}
 }
 
 static void gemm(const struct dvsm_fixed_gemm *job)
 {
+	const bool with_gelu = job->epilogue == DVSM_FIXED_GELU;
+	const struct gelu gelu = gelu_prepare(with_gelu ? job->fraction : 0);
 	const struct requantise how = requantise_prepare(job);
-	size_t row = 0;
+	const size_t step = strip_rows(job);
+	struct strip strip;
 
-	for (; row + BYTE_ROWS <= job->rows; row += BYTE_ROWS)
-		walk_columns(BYTE_ROWS, job, &how, row);
-	if (BYTE_ROWS > 4 && row + 4 <= job->rows) {
-		walk_columns(4, job, &how, row);
-		row += 4;
+	for (size_t row = 0; row < job->rows; row += step) {
+		const size_t rows = job->rows - row < step ? job->rows - row : step;
+
+		walk_strip(job, &how, row, rows, &strip);
+		for (size_t i = row; with_gelu && i < row + rows; i++)
+			gelu_row(&gelu, (int16_t *)job->c + i * job->c_stride, job->cols);
 	}
-	for (; row < job->rows; row++)
-		walk_columns(1, job, &how, row);
 }

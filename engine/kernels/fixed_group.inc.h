@@ -26,7 +26,7 @@ static inline size_t scores_stride(const struct dvsm_fixed_attention *job)
 }
 
 /* Places in the caller's scratch, a query: scores, 16 bits a weight of a tile, two sums a channel,
- * a byte a channel. */
+ * two bytes a channel. */
 static void place(const struct dvsm_fixed_attention *job, struct query queries[QUERIES])
 {
 	int16_t *scores = job->scratch;
@@ -38,7 +38,8 @@ static void place(const struct dvsm_fixed_attention *job, struct query queries[Q
 		at += DVSM_FIXED_KEYS * sizeof(int16_t);
 		queries[i].o = (int32_t *)(void *)at;
 		queries[i].o_low = queries[i].o + job->head_width;
-		at += 2 * job->head_width * sizeof(int32_t) + dvsm_fixed_pad(job->head_width, 64);
+		at += 2 * job->head_width * sizeof(int32_t) +
+		      dvsm_fixed_pad(2 * job->head_width, 64);
 	}
 }
 

@@ -161,7 +161,7 @@ static inline struct dvsm_fixed_scale draw_scale(int low, int high)
 static inline int find_tiers(const char *program)
 {
 	rng = support_random_seeded(program);
-	for (uint32_t cpu = DVSM_CPU_SCALAR; cpu <= DVSM_CPU_NEON_BF16; cpu <<= 1) {
+	for (uint32_t cpu = DVSM_CPU_SCALAR; cpu; cpu <<= 1) {
 		struct dvsm_fixed_kernels tier = dvsm_fixed_kernels_choose(cpu);
 
 		if (tier.cpu == cpu)

@@ -75,8 +75,11 @@ static void fill_tokens(struct dvsm_fixed_gemm *job, size_t inner, int spread)
 static void check_gemm(const struct dvsm_fixed_kernels *tier)
 {
 	static const char *const names[] = {"gemm add", "gemm store", "gemm gelu"};
-	/* Seldom rows of A that are longer than what a tier keeps close. */
-	size_t inner = edge(0) + 64 * (size_t)(between(0, 5) ? between(0, 3) : between(4, 24));
+	/* Seldom rows of A that are longer than what a tier keeps close, or takes in one piece. */
+	const int more = between(0, 11);
+	size_t inner = edge(0) + 64 * (size_t)(more > 1   ? between(0, 3)
+					       : more > 0 ? between(4, 24)
+							  : between(60, 140));
 	enum dvsm_fixed_epilogue epilogue = (enum dvsm_fixed_epilogue)between(0, 2);
 	size_t size = epilogue == DVSM_FIXED_ADD ? sizeof(int32_t) : sizeof(int16_t);
 	int spread = between(0, 12);
