@@ -1,9 +1,9 @@
 /*
  * Fixed-point products for AVX-512 VNNI.
  *
- * vpdpbusd multiplies unsigned by signed bytes. The weights are the unsigned ones, 128 too large:
- * that takes one operation a vector of weights, which serves all rows, and A is broadcast from
- * where it lies. 128 times the sum of A's row is taken off where a sum begins.
+ * vpdpbusd multiplies unsigned by signed bytes. A's numbers are the unsigned ones, 128 too large: a
+ * strip of rows is copied so, and 128 times the sum of a column's weights is taken off where a sum
+ * begins.
  */
 #include "kernels/fixed_avx512_finish.h"
 #include "kernels/fixed_tiers.h"
@@ -13,25 +13,25 @@
 #define ROWS   8
 #define PANELS 3
 
-/* Rows whose offsets are taken at once, for all columns. */
-#define STRIP 64u
+/* Most rows of a strip, and its bytes: one row of the greatest depth. */
+#define STRIP      64u
+#define STRIP_ROOM 65536u
 
-/* 128 times the sum of each row, negative. */
-static void offsets(const struct dvsm_fixed_gemm *job, size_t row, size_t rows, int32_t *offset)
+/* Rows of A, 128 more each number, `depth` bytes apart. */
+static void copy_rows(const struct dvsm_fixed_gemm *job, size_t row, size_t rows, uint8_t *strip)
 {
-	const __m512i ones = _mm512_set1_epi8(1);
+	const __m512i flip = _mm512_set1_epi8(INT8_MIN);
 
 	for (size_t i = 0; i < rows; i++) {
 		const int8_t *a = job->a + (row + i) * job->a_stride;
-		__m512i sum = _mm512_setzero_si512();
 
 		for (size_t d = 0; d < job->depth; d += 64)
-			sum = _mm512_dpbusd_epi32(sum, ones, _mm512_loadu_si512(a + d));
-		offset[i] = -128 * _mm512_reduce_add_epi32(sum);
+			_mm512_store_si512(strip + i * job->depth + d,
+					   _mm512_xor_si512(_mm512_loadu_si512(a + d), flip));
 	}
 }
 
-static inline __m512i broadcast(const int8_t *a)
+static inline __m512i broadcast(const uint8_t *a)
 {
 	int four;
 
@@ -70,13 +70,13 @@ static void gelu_row(const struct gelu *gelu, int16_t *c, size_t count)
 	}
 }
 
-/* `rows` x `panels` (constants where it is called) from row and column `row`, `col` on. */
+/* `rows` x `panels` (constants where it is called) from row and column `row`, `col` on; `a` is the
+ * row in its strip, `begin` what the columns' sums begin with. */
 DVSM_INLINE void tile(const int rows, const int panels, const struct dvsm_fixed_gemm *job,
-		      const struct requantise *how, size_t row, size_t col, const int32_t *offset,
-		      const struct columns columns[PANELS])
+		      const struct requantise *how, const uint8_t *a, size_t row, size_t col,
+		      const __m512i begin[PANELS], const struct columns columns[PANELS])
 {
-	const __m512i flip = _mm512_set1_epi8(INT8_MIN);
-	const int8_t *a = job->a + row * job->a_stride, *w = job->panels + col * job->depth;
+	const int8_t *w = job->panels + col * job->depth;
 	const size_t panel_bytes = DVSM_FIXED_PANEL * job->depth;
 	__m512i sums[ROWS][PANELS], done[ROWS][PANELS];
 	struct row_scales scales;
@@ -85,23 +85,22 @@ DVSM_INLINE void tile(const int rows, const int panels, const struct dvsm_fixed_
 	for (int i = 0; i < rows; i++) {
 		DVSM_UNROLL
 		for (int j = 0; j < panels; j++)
-			sums[i][j] = _mm512_set1_epi32(offset[i]);
+			sums[i][j] = begin[j];
 	}
 	for (size_t d = 0; d < job->depth; d += 4) {
 		__m512i b[PANELS];
 
 		DVSM_UNROLL
 		for (int j = 0; j < panels; j++)
-			b[j] = _mm512_xor_si512(_mm512_load_si512(w + (size_t)j * panel_bytes +
-								  d * DVSM_FIXED_PANEL),
-						flip);
+			b[j] = _mm512_load_si512(w + (size_t)j * panel_bytes +
+						 d * DVSM_FIXED_PANEL);
 		DVSM_UNROLL
 		for (int i = 0; i < rows; i++) {
-			__m512i x = broadcast(a + (size_t)i * job->a_stride + d);
+			__m512i x = broadcast(a + (size_t)i * job->depth + d);
 
 			DVSM_UNROLL
 			for (int j = 0; j < panels; j++)
-				sums[i][j] = _mm512_dpbusd_epi32(sums[i][j], b[j], x);
+				sums[i][j] = _mm512_dpbusd_epi32(sums[i][j], x, b[j]);
 		}
 	}
 	DVSM_UNROLL
@@ -121,46 +120,57 @@ DVSM_INLINE void tile(const int rows, const int panels, const struct dvsm_fixed_
 	}
 }
 
+/* What the sums of a panel begin with: -128 times its columns' sums. */
+static inline __m512i load_begin(const struct dvsm_fixed_gemm *job, size_t col)
+{
+	const __mmask16 lanes = col < job->cols ? first_lanes(job->cols - col) : 0;
+	__m512i sums = _mm512_maskz_loadu_epi32(lanes, job->w_sum + col);
+
+	return _mm512_sub_epi32(_mm512_setzero_si512(), _mm512_slli_epi32(sums, 7));
+}
+
 /* The rows of a strip, of `panels` panels. */
 DVSM_INLINE void walk_rows(const int panels, const struct dvsm_fixed_gemm *job,
-			   const struct requantise *how, size_t first, size_t rows, size_t col,
-			   const int32_t *offset, const struct gelu *gelu)
+			   const struct requantise *how, const uint8_t *strip, size_t first,
+			   size_t rows, size_t col, const struct gelu *gelu)
 {
 	struct columns columns[PANELS];
+	__m512i begin[PANELS];
 	size_t left = job->cols - col, full = (size_t)panels * DVSM_FIXED_PANEL;
 	size_t width = left < full ? left : full;
 
-	for (int j = 0; j < panels; j++)
+	for (int j = 0; j < panels; j++) {
 		columns[j] = load_columns(job, col + (size_t)j * DVSM_FIXED_PANEL);
+		begin[j] = load_begin(job, col + (size_t)j * DVSM_FIXED_PANEL);
+	}
 	for (size_t i = 0, step; i < rows; i += step) {
+		const uint8_t *a = strip + i * job->depth;
 		const size_t row = first + i;
 
 		left = rows - i;
 		step = left >= ROWS ? ROWS : left >= 4 ? 4 : 1;
 		if (step == ROWS)
-			tile(ROWS, panels, job, how, row, col, offset + i, columns);
+			tile(ROWS, panels, job, how, a, row, col, begin, columns);
 		else if (step == 4)
-			tile(4, panels, job, how, row, col, offset + i, columns);
+			tile(4, panels, job, how, a, row, col, begin, columns);
 		else
-			tile(1, panels, job, how, row, col, offset + i, columns);
+			tile(1, panels, job, how, a, row, col, begin, columns);
 		for (size_t k = row; gelu && k < row + step; k++)
 			gelu_row(gelu, (int16_t *)job->c + k * job->c_stride + col, width);
 	}
 }
 
 static void walk_strip(const struct dvsm_fixed_gemm *job, const struct requantise *how,
-		       size_t first, size_t rows, const struct gelu *gelu)
+		       const uint8_t *strip, size_t first, size_t rows, const struct gelu *gelu)
 {
-	int32_t offset[STRIP];
 	size_t col = 0;
 
-	offsets(job, first, rows, offset);
 	while (col < job->cols) {
 		if (job->cols - col > (PANELS - 1) * DVSM_FIXED_PANEL) {
-			walk_rows(PANELS, job, how, first, rows, col, offset, gelu);
+			walk_rows(PANELS, job, how, strip, first, rows, col, gelu);
 			col += PANELS * DVSM_FIXED_PANEL;
 		} else {
-			walk_rows(1, job, how, first, rows, col, offset, gelu);
+			walk_rows(1, job, how, strip, first, rows, col, gelu);
 			col += DVSM_FIXED_PANEL;
 		}
 	}
@@ -168,13 +178,17 @@ static void walk_strip(const struct dvsm_fixed_gemm *job, const struct requantis
 
 void dvsm_fixed_gemm_vnni(const struct dvsm_fixed_gemm *job)
 {
+	_Alignas(64) uint8_t strip[STRIP_ROOM];
 	const bool with_gelu = job->epilogue == DVSM_FIXED_GELU;
 	const struct gelu gelu = gelu_prepare(with_gelu ? job->fraction : 0);
 	const struct requantise how = requantise_prepare(job);
+	const size_t most = STRIP * job->depth > STRIP_ROOM ? STRIP_ROOM / job->depth : STRIP;
+	const size_t step = most > ROWS ? most / ROWS * ROWS : most;
 
-	for (size_t row = 0; row < job->rows; row += STRIP) {
-		size_t left = job->rows - row;
+	for (size_t row = 0; row < job->rows; row += step) {
+		const size_t rows = job->rows - row < step ? job->rows - row : step;
 
-		walk_strip(job, &how, row, left < STRIP ? left : STRIP, with_gelu ? &gelu : NULL);
+		copy_rows(job, row, rows, strip);
+		walk_strip(job, &how, strip, row, rows, with_gelu ? &gelu : NULL);
 	}
 }
