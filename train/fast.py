@@ -98,20 +98,21 @@ class Function(torch.autograd.Function):
         return None, near, far, *gradients
 
 
-def open_library(path=None):
-    """The library, or None where none is built that this processor runs."""
-    for build in [path] if path else BUILDS:
-        if os.path.exists(build):
-            library = Library(build)
-            if library.supported():
-                return library
-    return None
+def supported_builds():
+    """Paths of the libraries that are built and that this processor runs, the best first."""
+    return [build for build in BUILDS if os.path.exists(build) and Library(build).supported()]
 
 
-def make_blocks(net):
-    """Blocks for a network, or None where PyTorch has to do: there is no library, or the network
-    has another shape."""
-    config, library = net.config, open_library()
+def open_library():
+    """The best library, or None where none is built that this processor runs."""
+    builds = supported_builds()
+    return Library(builds[0]) if builds else None
+
+
+def make_blocks(net, library=None):
+    """Blocks for a network, of the best library or the one given, or None where PyTorch has to do:
+    there is no library, or the network has another shape."""
+    config, library = net.config, library or open_library()
     if not library or config.dim != 64 * config.heads or config.mlp_ratio != 4:
         return None
     return Blocks(library, config, torch.get_num_threads(), net.fast_options)

@@ -98,7 +98,7 @@ def main():
     with open(os.path.join(HERE, "recipes", "cpu.json"), encoding="utf-8") as file:
         recipe = json.load(file)
     if "blocks" in args.only and not fast.open_library():
-        raise SystemExit("throughput: no AMX, or libdio_blocks.so is not built (cmake --build "
+        raise SystemExit("throughput: no AVX-512, or the blocks in C are not built (cmake --build "
                          "--preset release --target dio_blocks); name the others with --only")
     rates = matrix_rate(args.steps)
     print(f"{args.threads} threads; products of 2048 x 2048: float32 {rates[0] / 1e9:.0f}, "

@@ -253,30 +253,38 @@ class Trainer(unittest.TestCase):
         return got.detach(), {name: weight.grad for name, weight in net.named_parameters()
                               if weight.grad is not None}
 
+    def libraries(self):
+        """Each build of the blocks that this processor runs."""
+        builds = fast.supported_builds()
+        if not builds:
+            self.skipTest("no AVX-512, or the blocks in C were not built")
+        return {os.path.basename(build): fast.Library(build) for build in builds}
+
     def test_blocks_in_c_have_the_gradients_of_pytorch(self):
-        config = dvsm.Config(dim=128, heads=2, layers=2, patch=4)
+        config, libraries = dvsm.Config(dim=128, heads=2, layers=2, patch=4), self.libraries()
         for kind in (dvsm.Dvsm, ablate.TwoStages, ablate.LoneViews):
             net = kind(config)
-            blocks = fast.make_blocks(net)
-            if not blocks:
-                self.skipTest("no AVX-512, or the blocks in C were not built")
             with torch.no_grad():  # scores and norms that are not trivial
                 for weight in net.parameters():
                     weight.add_(torch.randn_like(weight) * (0.1 if weight.dim() == 1 else 0.03))
             for views, patches in ((1, (4, 4)), (3, (4, 8)), (4, (8, 4))):
-                with self.subTest(kind.__name__, views=views, patches=patches):
-                    want, slopes = self.gradients(net, None, views, patches, exact=True)
-                    got, fast_slopes = self.gradients(net, blocks, views, patches)
-                    # bfloat16 has 8 bits: 0.4 % a rounding, summed over a dozen of layers.
-                    self.assertLess((got - want).norm(), 0.01 * want.norm())
-                    for name, slope in slopes.items():
-                        apart = (fast_slopes[name] - slope).norm()
-                        self.assertLess(apart, 0.08 * slope.norm() + 1e-7, name)
+                want, slopes = self.gradients(net, None, views, patches, exact=True)
+                for build, library in libraries.items():
+                    with self.subTest(build, kind=kind.__name__, views=views, patches=patches):
+                        blocks = fast.make_blocks(net, library)
+                        got, fast_slopes = self.gradients(net, blocks, views, patches)
+                        # bfloat16 has 8 bits: 0.4 % a rounding, summed over a dozen of layers.
+                        self.assertLess((got - want).norm(), 0.01 * want.norm())
+                        for name, slope in slopes.items():
+                            apart = (fast_slopes[name] - slope).norm()
+                            self.assertLess(apart, 0.08 * slope.norm() + 1e-7, name)
 
     def test_muon_in_c_steps_as_pytorch_does(self):
-        library = fast.open_library()
-        if not library:
-            self.skipTest("no AVX-512, or the blocks in C were not built")
+        for build, library in self.libraries().items():
+            with self.subTest(build):
+                self.check_muon(library)
+
+    def check_muon(self, library):
         shapes, weights, optimisers = ((192, 64), (64, 64), (256, 64), (64, 256)), [], []
         for native in (None, library):
             torch.manual_seed(2)
