@@ -5,6 +5,10 @@
 
 enum { dot_rows = 4 };
 
+/* sums += fours of a column times the row's four `lane`. gcc 12 moves sums of the intrinsic. */
+#define ADD_DOTS(sums, column, row, lane)                                                          \
+	__asm__("sdot %0.4s, %1.16b, %2.4b[" #lane "]" : "+w"(sums) : "w"(column), "w"(row))
+
 static inline void dot_tile(const int8_t *const a[dot_rows], const int8_t *b, size_t b_step,
 			    size_t groups, int32_t *out)
 {
@@ -19,7 +23,7 @@ static inline void dot_tile(const int8_t *const a[dot_rows], const int8_t *b, si
 		const int8x16_t column = vld1q_s8(b + (lane)*b_step + 16 * j);                     \
                                                                                                    \
 		for (int i = 0; i < dot_rows; i++)                                                 \
-			sums[i][j] = vdotq_laneq_s32(sums[i][j], column, row[i], lane);            \
+			ADD_DOTS(sums[i][j], column, row[i], lane);                                \
 	}
 	for (size_t group = 0; group < groups; group += 4, b += 4 * b_step) {
 		int8x16_t row[dot_rows];
