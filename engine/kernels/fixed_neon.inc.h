@@ -2,10 +2,14 @@
  * Products and attention of the fixed-point path for Advanced SIMD. The including file defines
  *
  *   dot_rows            rows that one call of dot_tile() takes at most
- *   dot_tile(a, a_stride, b, b_step, groups, sums)
+ *   dot_tile(a, b, b_step, groups, sums)
  *                       sums[row][16] = products of dot_rows rows of A with 16 columns of B. A
  *                       group is four numbers deep: four bytes of a row, and 64 bytes of B, column
  *                       by column, b_step bytes from one to the next; groups is a multiple of 4.
+ *   dot_piece           groups that it takes at most, a multiple of 4
+ *   dot_columns(b, &b_step, groups, room)
+ *                       columns as dot_tile() wants them, for all rows: where they lie, or in
+ *                       dot_room bytes of room
  *
  * All numbers of B are -127..127, those of A -128..127, so that two products fit 16 bits.
  */
@@ -16,9 +20,10 @@
 
 #define WIDTH ((size_t)DVSM_FIXED_PANEL)
 
-/** Any number of rows: the last ones are done as if there were more, from rows that are there. */
-static void dot(const int8_t *a, size_t a_stride, size_t rows, const int8_t *b, size_t b_step,
-		size_t groups, int32_t *sums, size_t sums_stride)
+/* Any number of rows with a piece of B, stored or added: the last ones are done as if there were
+ * more, from rows that are there. */
+static void dot_block(const int8_t *a, size_t a_stride, size_t rows, const int8_t *b, size_t b_step,
+		      size_t groups, bool adds, int32_t *sums, size_t sums_stride)
 {
 	int32_t tile[dot_rows * WIDTH];
 
@@ -29,10 +34,33 @@ static void dot(const int8_t *a, size_t a_stride, size_t rows, const int8_t *b, 
 		for (size_t i = 0; i < dot_rows; i++)
 			at[i] = a + (row + (i < left ? i : 0)) * a_stride;
 		dot_tile(at, b, b_step, groups, tile);
-		for (size_t i = 0; i < left; i++)
-			memcpy(sums + (row + i) * sums_stride, tile + i * WIDTH,
-			       WIDTH * sizeof(*sums));
+		for (size_t i = 0; i < left; i++) {
+			int32_t *to = sums + (row + i) * sums_stride;
+
+			for (size_t j = 0; j < WIDTH; j += 4) {
+				int32x4_t sum = vld1q_s32(tile + i * WIDTH + j);
+
+				vst1q_s32(to + j, adds ? vaddq_s32(vld1q_s32(to + j), sum) : sum);
+			}
+		}
 	}
+}
+
+static void dot(const int8_t *a, size_t a_stride, size_t rows, const int8_t *b, size_t b_step,
+		size_t groups, int32_t *sums, size_t sums_stride)
+{
+	int8_t room[dot_room];
+	size_t first = 0;
+
+	do {
+		const size_t count = groups - first < dot_piece ? groups - first : dot_piece;
+		size_t step = b_step;
+		const int8_t *columns = dot_columns(b + first * b_step, &step, count, room);
+
+		dot_block(a + 4 * first, a_stride, rows, columns, step, count, first > 0, sums,
+			  sums_stride);
+		first += count;
+	} while (first < groups);
 }
 
 /* ---- products ---- */
