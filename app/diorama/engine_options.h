@@ -31,7 +31,7 @@
 	{                                                                                          \
 		"cpu", DIO_OPTION_TIER, "TIER",                                                    \
 			"highest instruction set: auto, scalar, sse2, avx2, avxvnni, avx512,\n"    \
-			"avx512bf16, amx, neon, dotprod, i8mm, neonbf16 (default: auto)",          \
+			"vnni, avx512bf16, amx, neon, dotprod, i8mm, neonbf16 (default: auto)",    \
 			&(s).cpu_mask, 0, 0, false                                                 \
 	}
 #define DIO_OPTION_PRECISION(s)                                                                    \

@@ -1,11 +1,14 @@
 """The engine beside its peers: the same weights, inputs and threads, taken in turn in one sitting.
 
-usage: compare.py --work DIR --bin DIR [--rounds N] [--threads N] [--json FILE]
+usage: compare.py --work DIR --bin DIR [--rounds N] [--threads N] [--avx2] [--json FILE]
 
 DIR is what `diorama bench --save` left, with v4_p8.npy of reference64 in it. The peers begin with
 ray maps and colours cut into patches and end with the patches of the picture; the engine does that
 too. Each round runs every contender once (reconstruct, then render three times), the next round
 begins with another one, so that what disturbs the machine disturbs all alike.
+
+--avx2: what all would do on a processor without AVX-512. ONNX Runtime cannot be held back: its rows
+are those of the whole processor.
 """
 import argparse
 import json
@@ -23,12 +26,15 @@ import work
 HERE = Path(__file__).resolve().parent
 RENDERS = 3
 PAUSE_S = 0.02  # until the threads of the one before have gone to sleep
+AVX2 = {"ATEN_CPU_CAPABILITY": "avx2", "MKL_ENABLE_INSTRUCTIONS": "AVX2",
+        "DNNL_MAX_CPU_ISA": "AVX2", "ONEDNN_MAX_CPU_ISA": "AVX2"}
 
 
 class Contender:
-    def __init__(self, name, precision, note, command, threads):
+    def __init__(self, name, precision, note, command, options):
         self.name, self.precision, self.note = name, precision, note
-        environment = dict(os.environ, OMP_NUM_THREADS=str(threads), PYTHONDONTWRITEBYTECODE="1")
+        environment = dict(os.environ, OMP_NUM_THREADS=str(options.threads),
+                           PYTHONDONTWRITEBYTECODE="1", **(AVX2 if options.avx2 else {}))
         self.process = subprocess.Popen([str(part) for part in command], text=True,
                                         stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                         stderr=subprocess.PIPE, env=environment)
@@ -82,23 +88,24 @@ def start(options):
     engine, onednn = options.bin / "contend_engine", options.bin / "contend_onednn"
     onnx = [sys.executable, HERE / "contend_onnx.py", model, scene]
     torch = [sys.executable, HERE / "contend_torch.py", model, scene]
+    mixed, whole = "products int8 dynamic, the rest f32", "with AVX-512" if options.avx2 else ""
     listed = [
-        *(("Diorama", precision, "", [engine, model, scene, precision, threads])
-          for precision in ("f32", "bf16", "fixed")),
-        ("ONNX Runtime", "f32", "", [*onnx, "f32", threads]),
-        ("ONNX Runtime", "int8", "products int8 dynamic, the rest f32", [*onnx, "int8", threads]),
+        *(("Diorama", precision, "", [engine, model, scene, precision, threads]
+           + ["avx2"] * options.avx2) for precision in ("f32", "bf16", "fixed")),
+        ("ONNX Runtime", "f32", whole, [*onnx, "f32", threads]),
+        ("ONNX Runtime", "int8", "; ".join(filter(None, (mixed, whole))), [*onnx, "int8", threads]),
         ("PyTorch", "f32", "eager", [*torch, "f32", threads]),
         ("PyTorch", "bf16", "eager", [*torch, "bf16", threads]),
         ("oneDNN", "f32", "primitives", [onednn, block, "f32", threads]),
         ("oneDNN", "bf16", "primitives", [onednn, block, "bf16", threads]),
-        ("oneDNN", "int8", "products int8 dynamic, the rest f32", [onednn, block, "int8", threads]),
+        ("oneDNN", "int8", mixed, [onednn, block, "int8", threads]),
     ]
     contenders = []
     for name, precision, note, command in listed:
         if not Path(command[0]).exists():
             print(f"compare: left out: {name} {precision}: it is not built", file=sys.stderr)
             continue
-        made = Contender(name, precision, note, command, threads)
+        made = Contender(name, precision, note, command, options)
         if made.is_there():
             contenders.append(made)
         else:
@@ -135,6 +142,7 @@ def main():
     parser.add_argument("--bin", type=Path, required=True)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)))
+    parser.add_argument("--avx2", action="store_true")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
 

@@ -56,14 +56,16 @@ int main(int argc, char **argv)
 	struct dio_error fault = {0};
 	struct dvsm_error error = {0};
 
-	if (argc != 5)
-		talk_fail("usage: contend_engine MODEL SCENE PRECISION THREADS");
+	if (argc != 5 && (argc != 6 || strcmp(argv[5], "avx2") != 0))
+		talk_fail("usage: contend_engine MODEL SCENE PRECISION THREADS [avx2]");
 	if (dio_work_open(dio_draw_find("small"), argv[1], find_precision(argv[3]), argv[2], 0,
 			  &self.work, &fault) != DIO_OK)
 		talk_fail(fault.text);
 
 	const struct dvsm_engine_options options = {
-		.precision = self.work.precision, .threads = (uint32_t)strtoul(argv[4], NULL, 10)};
+		.precision = self.work.precision,
+		.threads = (uint32_t)strtoul(argv[4], NULL, 10),
+		.cpu_mask = argc == 6 ? DVSM_CPU_SSE2 | DVSM_CPU_AVX2 : DVSM_CPU_ALL};
 	const struct dio_view *target = &self.work.views.target[0];
 	const size_t count = (size_t)target->camera.width * target->camera.height * 3;
 	const struct talk talk = {&self, reconstruct, render,
