@@ -135,48 +135,98 @@ static struct requantise requantise_prepare(const struct dvsm_fixed_gemm *job)
 	return (struct requantise){least - most > 15 + cut, cut};
 }
 
-/* r of eight sums, exact in 32 bits. */
+/* The sixteen columns of a panel: the mantissas of their scales, twice in each lane, and shifts. */
+struct columns {
+	__m256i mantissa[2], shift[2];
+	size_t count;
+};
+
+static struct columns load_columns(const struct dvsm_fixed_gemm *job, size_t col)
+{
+	const size_t left = job->cols - col;
+	const size_t count = left < DVSM_FIXED_PANEL ? left : DVSM_FIXED_PANEL;
+	int16_t mantissas[DVSM_FIXED_PANEL] = {0}, shifts[DVSM_FIXED_PANEL] = {0};
+	struct columns columns = {.count = count};
+
+	memcpy(mantissas, job->w_mantissa + col, count * sizeof(*mantissas));
+	memcpy(shifts, job->w_shift + col, count * sizeof(*shifts));
+	for (size_t i = 0; i < 2; i++) {
+		__m256i mantissa = load_s16(mantissas + 8 * i, 8);
+
+		columns.mantissa[i] = _mm256_or_si256(mantissa, _mm256_slli_epi32(mantissa, 16));
+		columns.shift[i] = load_s16(shifts + 8 * i, 8);
+	}
+	return columns;
+}
+
+/* r of eight sums, exact in 32 bits; factors are twice in each lane. */
 static inline __m256i requantise_narrow(const struct requantise *how, __m256i factor, __m256i shift,
 					__m256i sums)
 {
 	const __m256i one = _mm256_set1_epi32(1);
 	__m256i words = _mm256_sll_epi32(sums, _mm_cvtsi32_si128(16 - how->cut));
 
-	factor = _mm256_or_si256(factor, _mm256_slli_epi32(factor, 16));
 	words = _mm256_blend_epi16(_mm256_mulhi_epu16(words, factor), words, 0xaa);
 	words = _mm256_madd_epi16(words, _mm256_blend_epi16(one, factor, 0xaa));
 	words = _mm256_srav_epi32(words, _mm256_sub_epi32(shift, _mm256_set1_epi32(16 + how->cut)));
 	return _mm256_srai_epi32(_mm256_add_epi32(words, one), 1);
 }
 
-/* Eight sums of a row to their place. */
+/* r of eight sums: modulo 2^32, or as int16 saturates it. */
+static inline __m256i requantise(const struct requantise *how, bool adds, __m256i factor,
+				 __m256i shift, __m256i sums)
+{
+	if (how->narrow)
+		return requantise_narrow(how, factor, shift, sums);
+	factor = _mm256_slli_epi32(_mm256_srli_epi32(factor, 16), 15);
+	return round_products(sums, factor, clamp_lanes(shift, 1, 62), adds ? 0 : 1 << 15);
+}
+
+/* r added to sixteen numbers, or `count` of them. */
+static inline void add_row(int32_t *c, const __m256i r[2], size_t count)
+{
+	int32_t part[DVSM_FIXED_PANEL];
+	int32_t *to = count < DVSM_FIXED_PANEL ? memcpy(part, c, count * sizeof(*c)) : c;
+
+	for (size_t i = 0; i < 2; i++) {
+		__m256i *at = (__m256i *)(to + 8 * i);
+
+		_mm256_storeu_si256(at, _mm256_add_epi32(_mm256_loadu_si256(at), r[i]));
+	}
+	if (count < DVSM_FIXED_PANEL)
+		memcpy(c, part, count * sizeof(*c));
+}
+
+/* r, saturated, as sixteen numbers, or `count` of them. */
+static inline void store_row(int16_t *c, const __m256i r[2], size_t count)
+{
+	__m256i words = _mm256_permute4x64_epi64(_mm256_packs_epi32(r[0], r[1]), 0xd8);
+
+	if (count < DVSM_FIXED_PANEL)
+		memcpy(c, &words, count * sizeof(*c));
+	else
+		_mm256_storeu_si256((__m256i *)c, words);
+}
+
+/* Sixteen sums of a row to their place. */
 static inline void finish(const struct dvsm_fixed_gemm *job, const struct requantise *how,
-			  size_t row, size_t col, __m256i sums)
+			  const struct columns *columns, size_t row, size_t col,
+			  const __m256i sums[2])
 {
 	const struct dvsm_fixed_scale scale = job->a_scale[row];
-	const size_t left = job->cols - col, at = row * job->c_stride + col;
+	const __m256i mantissa = _mm256_set1_epi16(scale.mantissa);
+	const __m256i exponent = _mm256_set1_epi32(scale.exponent);
+	const size_t at = row * job->c_stride + col;
 	const bool adds = job->epilogue == DVSM_FIXED_ADD;
-	__m256i factor = _mm256_mulhrs_epi16(load_s16(job->w_mantissa + col, left),
-					     _mm256_set1_epi16(scale.mantissa));
-	__m256i shift = _mm256_sub_epi32(load_s16(job->w_shift + col, left),
-					 _mm256_set1_epi32(scale.exponent));
-	__m256i r;
+	__m256i r[2];
 
-	if (how->narrow)
-		r = requantise_narrow(how, factor, shift, sums);
+	for (int i = 0; i < 2; i++)
+		r[i] = requantise(how, adds, _mm256_mulhrs_epi16(columns->mantissa[i], mantissa),
+				  _mm256_sub_epi32(columns->shift[i], exponent), sums[i]);
+	if (adds)
+		add_row((int32_t *)job->c + at, r, columns->count);
 	else
-		r = round_products(sums, _mm256_slli_epi32(factor, 15), clamp_lanes(shift, 1, 62),
-				   adds ? 0 : 1 << 15);
-	if (adds) {
-		int32_t *c = (int32_t *)job->c + at;
-		__m256i mask = _mm256_cmpgt_epi32(_mm256_set1_epi32(left < 8 ? (int)left : 8),
-						  _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
-
-		r = _mm256_add_epi32(r, _mm256_maskload_epi32(c, mask));
-		_mm256_maskstore_epi32(c, mask, r);
-		return;
-	}
-	store_s16((int16_t *)job->c + at, r, left);
+		store_row((int16_t *)job->c + at, r, columns->count);
 }
 
 /* Rows on their way, prepared up to a chunk of their depth. */
@@ -208,8 +258,8 @@ static void prepare(const struct dvsm_fixed_gemm *job, size_t row, size_t at, si
 
 /* Columns `col` and on of `rows` rows (a constant where it is called), the strip's from `at` on. */
 DVSM_INLINE void tile(const int rows, const struct dvsm_fixed_gemm *job,
-		      const struct requantise *how, size_t row, size_t col, struct strip *strip,
-		      size_t at)
+		      const struct requantise *how, const struct columns *columns, size_t row,
+		      size_t col, struct strip *strip, size_t at)
 {
 	const int8_t *w = job->panels + col * job->depth;
 	__m256i sums[BYTE_ROWS][2], done[BYTE_ROWS][2];
@@ -237,11 +287,8 @@ DVSM_INLINE void tile(const int rows, const struct dvsm_fixed_gemm *job,
 		_mm256_store_si256(&done[i][1], sums[i][1]);
 	}
 	/* By way of memory: unrolled, this much code would push the sums out of their registers. */
-	for (int i = 0; i < rows; i++) {
-		finish(job, how, row + (size_t)i, col, done[i][0]);
-		if (col + 8 < job->cols)
-			finish(job, how, row + (size_t)i, col + 8, done[i][1]);
-	}
+	for (int i = 0; i < rows; i++)
+		finish(job, how, columns, row + (size_t)i, col, done[i]);
 }
 
 /* The rows of a strip, `first` and on, with all columns: a panel of weights stays in the cache
@@ -252,16 +299,17 @@ static void walk_strip(const struct dvsm_fixed_gemm *job, const struct requantis
 	if (job->depth <= CHUNK)
 		prepare(job, first, 0, rows, 0, job->depth, strip);
 	for (size_t col = 0; col < job->cols; col += DVSM_FIXED_PANEL) {
+		const struct columns columns = load_columns(job, col);
 		size_t i = 0;
 
 		for (; i + BYTE_ROWS <= rows; i += BYTE_ROWS)
-			tile(BYTE_ROWS, job, how, first + i, col, strip, i);
+			tile(BYTE_ROWS, job, how, &columns, first + i, col, strip, i);
 		if (BYTE_ROWS > 4 && i + 4 <= rows) {
-			tile(4, job, how, first + i, col, strip, i);
+			tile(4, job, how, &columns, first + i, col, strip, i);
 			i += 4;
 		}
 		for (; i < rows; i++)
-			tile(1, job, how, first + i, col, strip, i);
+			tile(1, job, how, &columns, first + i, col, strip, i);
 	}
 }
 
