@@ -155,31 +155,47 @@ static void mix(const struct query *queries, const int8_t *v, size_t head_width,
 	}
 }
 
+/* dvsm_fixed_lift() of 256 o + o_low in eight lanes, o_low not negative. */
+static inline __m256i lift(__m256i o, __m256i o_low, int up)
+{
+	if (up >= 0)
+		return _mm256_sll_epi32(_mm256_add_epi32(_mm256_slli_epi32(o, 8), o_low),
+					_mm_cvtsi32_si128(up));
+
+	const __m256i factor = _mm256_set1_epi32(256), down = _mm256_set1_epi64x(-up);
+	const __m256i low = _mm256_set1_epi64x(0xffffffff);
+	__m256i even = _mm256_mul_epi32(o, factor);
+	__m256i odd = _mm256_mul_epi32(_mm256_srli_epi64(o, 32), factor);
+
+	even = round_wide(_mm256_add_epi64(even, _mm256_and_si256(o_low, low)), down);
+	odd = round_wide(_mm256_add_epi64(odd, _mm256_srli_epi64(o_low, 32)), down);
+	return _mm256_blend_epi32(even, _mm256_slli_epi64(odd, 32), 0xaa);
+}
+
 /* o / sum, in the output's units. */
 static void write_out(const struct dvsm_fixed_attention *job, const struct query *query,
 		      int16_t *out)
 {
 	const struct dvsm_fixed_quotient quotient = dvsm_fixed_divide((uint64_t)query->sum);
 
-	for (size_t d = 0; d < job->dim; d++)
-		query->o[d] =
-			dvsm_fixed_lift(256 * (int64_t)query->o[d] + query->o_low[d], quotient);
 	for (size_t d = 0; d < job->dim; d += 8) {
 		const size_t count = job->dim - d < 8 ? job->dim - d : 8;
 		struct dvsm_fixed_scale scales[8] = {{0}};
-		__m256i scale, shift, r;
+		__m256i o, scale, shift, r;
 
 		memcpy(scales, job->v_scale + d, count * sizeof(scales[0]));
 		scale = _mm256_loadu_si256((const __m256i *)scales);
 		shift = _mm256_sub_epi32(_mm256_set1_epi32(DVSM_FIXED_QUOTIENT_BITS),
 					 _mm256_srai_epi32(scale, 16));
+		o = lift(_mm256_load_si256((const __m256i *)(query->o + d)),
+			 _mm256_load_si256((const __m256i *)(query->o_low + d)), quotient.up);
 		r = round_products(
-			_mm256_load_si256((const __m256i *)(query->o + d)),
+			o,
 			_mm256_mullo_epi32(_mm256_set1_epi32(quotient.inverse),
 					   _mm256_and_si256(scale, _mm256_set1_epi32(0x7fff))),
 			clamp_lanes(shift, 1, 62), 1 << 30);
 		r = _mm256_add_epi32(r, load_s16(job->v_mean + d, count));
-		store_s16(out + d, clamp_lanes(r, INT16_MIN, INT16_MAX), count);
+		store_s16(out + d, r, count);
 	}
 }
 
