@@ -21,8 +21,8 @@
 #define CALLER_SPINS 20000
 #define YIELD_EVERY  64
 
-/* Bytes of a worker's stack; tasks have some kilobytes of numbers there. */
-#define STACK_TOUCHED 32768
+/* Bytes of a worker's stack: tasks have strips of rows there, up to 64 KiB, and what they make. */
+#define STACK_TOUCHED 131072
 
 struct worker {
 	struct dvsm_pool *pool;
