@@ -1,7 +1,7 @@
 /*
  * The blocks of the network (MODEL.md, section 4), forward and backward, for training on a
- * processor with AVX-512, best with AMX or AVX512-BF16: products of bfloat16, float32 sums, residual
- * stream and gradients.
+ * processor with AVX-512, best with AMX or AVX512-BF16: products of bfloat16, float32 sums,
+ * residual stream and gradients.
  */
 #pragma once
 
