@@ -34,7 +34,16 @@ static inline __m256i broadcast_bytes(const void *four)
 	return _mm256_set1_epi32(bits);
 }
 
-#if defined(__AVXVNNI__)
+#if defined(__AVXVNNI__) || defined(DVSM_AVXVNNI_MODEL)
+
+/* Tests compile the same instructions in the encoding that AVX-512 VNNI has for them. */
+#if defined(DVSM_AVXVNNI_MODEL)
+#define VNNI_ENCODING "%{evex%} "
+#define add_bytes_128 _mm_dpbusd_epi32
+#else
+#define VNNI_ENCODING "%{vex%} "
+#define add_bytes_128 _mm_dpbusd_avx_epi32
+#endif
 
 /*
  * vpdpbusd multiplies unsigned by signed bytes: the columns are the unsigned ones, 128 too large,
@@ -51,7 +60,7 @@ struct row_bytes {
 /** sums += fours of unsigned times signed bytes. gcc 12 moves and spills sums of the intrinsics. */
 static inline __m256i add_bytes(__m256i sums, __m256i unsigned_bytes, __m256i signed_bytes)
 {
-	__asm__("%{vex%} vpdpbusd %2, %1, %0"
+	__asm__(VNNI_ENCODING "vpdpbusd %2, %1, %0"
 		: "+x"(sums)
 		: "x"(unsigned_bytes), "x"(signed_bytes));
 	return sums;
@@ -60,7 +69,7 @@ static inline __m256i add_bytes(__m256i sums, __m256i unsigned_bytes, __m256i si
 /** sums += pairs of words */
 static inline __m256i add_words(__m256i sums, __m256i a, __m256i b)
 {
-	__asm__("%{vex%} vpdpwssd %2, %1, %0" : "+x"(sums) : "x"(a), "x"(b));
+	__asm__(VNNI_ENCODING "vpdpwssd %2, %1, %0" : "+x"(sums) : "x"(a), "x"(b));
 	return sums;
 }
 
@@ -75,8 +84,7 @@ static inline struct row_bytes row_prepare(const int8_t *bytes, size_t count, ui
 
 	(void)room;
 	for (size_t i = 0; i < count; i += 16)
-		sum = _mm_dpbusd_avx_epi32(sum, ones,
-					   _mm_loadu_si128((const __m128i *)(bytes + i)));
+		sum = add_bytes_128(sum, ones, _mm_loadu_si128((const __m128i *)(bytes + i)));
 	sum = _mm_add_epi32(sum, _mm_shuffle_epi32(sum, 0x4e));
 	sum = _mm_add_epi32(sum, _mm_shuffle_epi32(sum, 0xb1));
 	return (struct row_bytes){bytes, -128 * _mm_cvtsi128_si32(sum)};

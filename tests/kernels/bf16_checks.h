@@ -7,7 +7,7 @@
 
 #include <stdio.h>
 
-#include "amx_tiers.h"
+#include "model_tiers.h"
 #include "float_checks.h"
 
 #define BF16_STEP 0x1p-7

@@ -15,8 +15,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "amx_tiers.h"
 #include "kernels/fixed_math.h"
+#include "model_tiers.h"
 #include "support/guarded.h"
 #include "support/random.h"
 
@@ -156,6 +156,23 @@ static inline struct dvsm_fixed_scale draw_scale(int low, int high)
 
 /* ---- tiers ---- */
 
+#if defined(__x86_64__)
+/* What a tier over a model has of its own, the scalar set for the rest. */
+static inline struct dvsm_fixed_kernels modelled(const struct dvsm_fixed_kernels *tier,
+						 const char *name)
+{
+	struct dvsm_fixed_kernels model = dvsm_fixed_kernels_scalar;
+
+	model.cpu = tier->cpu;
+	model.name = name;
+	model.gemm = tier->gemm;
+	model.attention = tier->attention;
+	if (tier->attention_queries)
+		model.attention_queries = tier->attention_queries;
+	return model;
+}
+#endif
+
 /* Each tier alone over the scalar set, so that what it lacks is not tested by another; `program`
  * goes with the seed that is printed. */
 static inline int find_tiers(const char *program)
@@ -169,14 +186,8 @@ static inline int find_tiers(const char *program)
 	}
 #if defined(__x86_64__)
 	if (dvsm_cpu_detect() & DVSM_CPU_VNNI) {
-		struct dvsm_fixed_kernels model = dvsm_fixed_kernels_scalar;
-
-		model.cpu = amx_model_fixed_kernels.cpu;
-		model.name = "amx, modelled";
-		model.gemm = amx_model_fixed_kernels.gemm;
-		model.attention = amx_model_fixed_kernels.attention;
-		model.attention_queries = amx_model_fixed_kernels.attention_queries;
-		tiers[tier_count++] = model;
+		tiers[tier_count++] = modelled(&amx_model_fixed_kernels, "amx, modelled");
+		tiers[tier_count++] = modelled(&avxvnni_model_fixed_kernels, "avxvnni, modelled");
 	}
 #endif
 	for (size_t t = 0; t < tier_count; t++)
