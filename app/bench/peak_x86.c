@@ -39,6 +39,7 @@
 #define STORE_FLOAT(sink, value)   (*(sink) = _mm_cvtss_f32(value))
 #define STORE_FLOAT8(sink, value)  (*(sink) = _mm256_cvtss_f32(value))
 #define STORE_FLOAT16(sink, value) (*(sink) = _mm512_cvtss_f32(value))
+#define STORE_INT4(sink, value)    (*(sink) = (float)_mm_cvtsi128_si32(value))
 #define STORE_INT8(sink, value)    (*(sink) = (float)_mm_cvtsi128_si32(_mm256_castsi256_si128(value)))
 #define STORE_INT16(sink, value)   (*(sink) = (float)_mm_cvtsi128_si32(_mm512_castsi512_si128(value)))
 
@@ -71,6 +72,28 @@ TARGET("avx512f") static void run_avx512(uint64_t turns, float *sink)
 
 /* Bytes times bytes in pairs, pairs in fours: three instructions where there is no VNNI. Written
  * out, for compilers would take the products, always the same, out of the loop. */
+TARGET("sse4.1") static inline __m128i step_sse4_int8(__m128i c, __m128i a, __m128i b, __m128i one)
+{
+	__m128i products = a;
+
+	__asm__ volatile("pmaddubsw %2, %1\n\t"
+			 "pmaddwd %3, %1\n\t"
+			 "paddd %1, %0"
+			 : "+x"(c), "+x"(products)
+			 : "x"(b), "x"(one));
+	return c;
+}
+
+TARGET("sse4.1") static void run_sse4_int8(uint64_t turns, float *sink)
+{
+	const __m128i a = _mm_set1_epi8((char)*sink), b = _mm_set1_epi8(3);
+	const __m128i one = _mm_set1_epi16(1);
+
+#define STEP(c) step_sse4_int8(c, a, b, one)
+	CHAINS(__m128i, a, STEP, _mm_add_epi32, STORE_INT4);
+#undef STEP
+}
+
 TARGET("avx2") static inline __m256i step_avx2_int8(__m256i c, __m256i a, __m256i b, __m256i one)
 {
 	__m256i products;
@@ -128,6 +151,7 @@ const struct dio_peak_loop dio_peak_loops_x86[] = {
 	{"mulps + addps", DIO_UNIT_F32, DVSM_CPU_SSE2, OPERATIONS(4), run_sse2},
 	{"vfmadd ymm", DIO_UNIT_F32, DVSM_CPU_AVX2, OPERATIONS(8), run_avx2},
 	{"vfmadd zmm", DIO_UNIT_F32, DVSM_CPU_AVX512, OPERATIONS(16), run_avx512},
+	{"pmaddubsw + pmaddwd", DIO_UNIT_INT8, DVSM_CPU_SSE4, OPERATIONS(16), run_sse4_int8},
 	{"vpmaddubsw + vpmaddwd", DIO_UNIT_INT8, DVSM_CPU_AVX2, OPERATIONS(32), run_avx2_int8},
 	{"vpdpbusd ymm", DIO_UNIT_INT8, DVSM_CPU_AVX_VNNI, OPERATIONS(32), run_avxvnni},
 	{"vpdpbusd zmm", DIO_UNIT_INT8, DVSM_CPU_VNNI, OPERATIONS(64), run_vnni},

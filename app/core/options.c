@@ -18,7 +18,8 @@
 /* Tiers by name. Each allows itself and what is below it on its architecture. */
 enum {
 	UP_TO_SSE2 = DVSM_CPU_SCALAR | DVSM_CPU_SSE2,
-	UP_TO_AVX2 = UP_TO_SSE2 | DVSM_CPU_AVX2,
+	UP_TO_SSE4 = UP_TO_SSE2 | DVSM_CPU_SSE4,
+	UP_TO_AVX2 = UP_TO_SSE4 | DVSM_CPU_AVX2,
 	UP_TO_AVX_VNNI = UP_TO_AVX2 | DVSM_CPU_AVX_VNNI,
 	UP_TO_AVX512 = UP_TO_AVX2 | DVSM_CPU_AVX512,
 	UP_TO_VNNI = UP_TO_AVX512 | DVSM_CPU_VNNI,
@@ -34,11 +35,11 @@ static const struct {
 	const char *name;
 	uint32_t mask;
 } TIERS[] = {
-	{"auto", DVSM_CPU_ALL},        {"scalar", DVSM_CPU_SCALAR},       {"sse2", UP_TO_SSE2},
-	{"avx2", UP_TO_AVX2},          {"avxvnni", UP_TO_AVX_VNNI},       {"avx512", UP_TO_AVX512},
-	{"vnni", UP_TO_VNNI},          {"avx512bf16", UP_TO_AVX512_BF16}, {"amx", UP_TO_AMX},
-	{"neon", UP_TO_NEON},          {"dotprod", UP_TO_DOTPROD},        {"i8mm", UP_TO_I8MM},
-	{"neonbf16", UP_TO_NEON_BF16},
+	{"auto", DVSM_CPU_ALL},   {"scalar", DVSM_CPU_SCALAR},   {"sse2", UP_TO_SSE2},
+	{"sse4", UP_TO_SSE4},     {"avx2", UP_TO_AVX2},          {"avxvnni", UP_TO_AVX_VNNI},
+	{"avx512", UP_TO_AVX512}, {"vnni", UP_TO_VNNI},          {"avx512bf16", UP_TO_AVX512_BF16},
+	{"amx", UP_TO_AMX},       {"neon", UP_TO_NEON},          {"dotprod", UP_TO_DOTPROD},
+	{"i8mm", UP_TO_I8MM},     {"neonbf16", UP_TO_NEON_BF16},
 };
 
 static void print_option(const char *name, const char *value, const char *help)
@@ -143,8 +144,8 @@ static enum dio_options_result set_tier(const struct dio_usage *usage,
 	}
 	return wrong_value(
 		usage, option, text,
-		"auto, scalar, sse2, avx2, avxvnni, avx512, vnni, avx512bf16, amx, neon, "
-		"dotprod, i8mm or neonbf16");
+		"auto, scalar, sse2, sse4, avx2, avxvnni, avx512, vnni, avx512bf16, amx, "
+		"neon, dotprod, i8mm or neonbf16");
 }
 
 static enum dio_options_result set_precision(const struct dio_usage *usage,

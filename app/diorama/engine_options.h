@@ -30,8 +30,9 @@
 #define DIO_OPTION_CPU(s)                                                                          \
 	{                                                                                          \
 		"cpu", DIO_OPTION_TIER, "TIER",                                                    \
-			"highest instruction set: auto, scalar, sse2, avx2, avxvnni, avx512,\n"    \
-			"vnni, avx512bf16, amx, neon, dotprod, i8mm, neonbf16 (default: auto)",    \
+			"highest instruction set: auto, scalar, sse2, sse4, avx2, avxvnni,\n"      \
+			"avx512, vnni, avx512bf16, amx, neon, dotprod, i8mm, neonbf16\n"           \
+			"(default: auto)",                                                         \
 			&(s).cpu_mask, 0, 0, false                                                 \
 	}
 #define DIO_OPTION_PRECISION(s)                                                                    \

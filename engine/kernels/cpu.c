@@ -65,7 +65,11 @@ uint32_t dvsm_cpu_detect(void)
 	uint32_t eax, ebx, ecx, edx, xcr0;
 	uint32_t eax1 = 0, ebx1, ecx1, edx1;
 
-	if (!__get_cpuid(1, &eax, &ebx, &ecx, &edx) || !(ecx & bit_OSXSAVE))
+	if (!__get_cpuid(1, &eax, &ebx, &ecx, &edx))
+		return mask;
+	if ((ecx & bit_SSSE3) && (ecx & bit_SSE4_1))
+		mask |= DVSM_CPU_SSE4;
+	if (!(ecx & bit_OSXSAVE) || !(mask & DVSM_CPU_SSE4))
 		return mask;
 	bool fma = ecx & bit_FMA;
 
@@ -196,6 +200,7 @@ const char *dvsm_cpu_name(uint32_t mask)
 		{DVSM_CPU_AVX512, "avx512"},
 		{DVSM_CPU_AVX_VNNI, "avxvnni"},
 		{DVSM_CPU_AVX2, "avx2"},
+		{DVSM_CPU_SSE4, "sse4"},
 		{DVSM_CPU_SSE2, "sse2"},
 		{DVSM_CPU_NEON_BF16, "neonbf16"},
 		{DVSM_CPU_NEON_I8MM, "i8mm"},

@@ -43,8 +43,8 @@ void dvsm_fixed_pack_panels(const int8_t *weights, size_t cols, size_t depth, in
 static const struct dvsm_fixed_kernels *const tiers[] = {
 	&dvsm_fixed_kernels_scalar,
 #if defined(__x86_64__)
-	&dvsm_fixed_kernels_avx2,   &dvsm_fixed_kernels_avxvnni, &dvsm_fixed_kernels_avx512,
-	&dvsm_fixed_kernels_vnni,   &dvsm_fixed_kernels_amx,
+	&dvsm_fixed_kernels_sse4,   &dvsm_fixed_kernels_avx2, &dvsm_fixed_kernels_avxvnni,
+	&dvsm_fixed_kernels_avx512, &dvsm_fixed_kernels_vnni, &dvsm_fixed_kernels_amx,
 #elif defined(__aarch64__)
 	&dvsm_fixed_kernels_neon,
 	&dvsm_fixed_kernels_dotprod,

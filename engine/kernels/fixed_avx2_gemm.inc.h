@@ -1,10 +1,6 @@
 /* Template: fixed-point products of AVX2 and AVX-VNNI. */
 #include "kernels/fixed_avx2.h"
-
-/* Depth of a row that is prepared at a time, and room for the rows prepared together. */
-#define CHUNK      4096u
-#define STRIP_ROWS (8u * BYTE_ROWS)
-#define STRIP_ROOM (STRIP_ROWS * ROW_ROOM(CHUNK / 4))
+#include "kernels/fixed_strip.inc.h"
 
 /* GELU's table and its steps as bytes, the lower ones and the upper ones, 16 numbers a vector. */
 struct gelu {
@@ -227,33 +223,6 @@ static inline void finish(const struct dvsm_fixed_gemm *job, const struct requan
 		add_row((int32_t *)job->c + at, r, columns->count);
 	else
 		store_row((int16_t *)job->c + at, r, columns->count);
-}
-
-/* Rows on their way, prepared up to a chunk of their depth. */
-struct strip {
-	struct row_bytes rows[STRIP_ROWS];
-	uint8_t room[STRIP_ROOM];
-};
-
-/* Rows that go into a strip: whole tiles of them. */
-static size_t strip_rows(const struct dvsm_fixed_gemm *job)
-{
-	size_t rows = STRIP_ROWS;
-
-	if (job->depth > CHUNK)
-		return BYTE_ROWS;
-	if (rows * ROW_ROOM(job->depth) > STRIP_ROOM)
-		rows = STRIP_ROOM / ROW_ROOM(job->depth);
-	return rows / BYTE_ROWS * BYTE_ROWS;
-}
-
-/* `count` numbers from depth `d` on of `rows` rows, as the strip's from `at` on. */
-static void prepare(const struct dvsm_fixed_gemm *job, size_t row, size_t at, size_t rows, size_t d,
-		    size_t count, struct strip *strip)
-{
-	for (size_t i = 0; i < rows; i++)
-		strip->rows[at + i] = row_prepare(job->a + (row + i) * job->a_stride + d, count,
-						  strip->room + (at + i) * ROW_ROOM(count));
 }
 
 /* Columns `col` and on of `rows` rows (a constant where it is called), the strip's from `at` on. */

@@ -4,11 +4,14 @@
 
 #include "kernels/fixed.h"
 
+dvsm_fixed_gemm_fn dvsm_fixed_gemm_sse4;
 dvsm_fixed_gemm_fn dvsm_fixed_gemm_avx2;
 dvsm_fixed_gemm_fn dvsm_fixed_gemm_vnni;
+dvsm_fixed_attention_fn dvsm_fixed_attention_sse4;
 dvsm_fixed_attention_fn dvsm_fixed_attention_avx2;
 dvsm_fixed_attention_fn dvsm_fixed_attention_vnni;
 
+extern const struct dvsm_fixed_kernels dvsm_fixed_kernels_sse4;
 extern const struct dvsm_fixed_kernels dvsm_fixed_kernels_avx2;
 extern const struct dvsm_fixed_kernels dvsm_fixed_kernels_avxvnni;
 extern const struct dvsm_fixed_kernels dvsm_fixed_kernels_avx512;

@@ -477,7 +477,8 @@ static void every_tier_comes_with_those_it_builds_on(void **state)
 	static const struct {
 		uint32_t tier, below;
 	} builds[] = {
-		{DVSM_CPU_AVX2, DVSM_CPU_SSE2},
+		{DVSM_CPU_SSE4, DVSM_CPU_SSE2},
+		{DVSM_CPU_AVX2, DVSM_CPU_SSE4},
 		{DVSM_CPU_AVX_VNNI, DVSM_CPU_AVX2},
 		{DVSM_CPU_AVX512, DVSM_CPU_AVX2},
 		{DVSM_CPU_VNNI, DVSM_CPU_AVX512},

@@ -29,6 +29,7 @@ enum dvsm_cpu {
 	DVSM_CPU_NEON_I8MM = 1u << 10,   /* Armv8.6 matrix products of bytes */
 	DVSM_CPU_NEON_BF16 = 1u << 11,   /* Armv8.6 bfloat16 */
 	DVSM_CPU_AVX_VNNI = 1u << 12,    /* AVX-VNNI: products of bytes without AVX-512 */
+	DVSM_CPU_SSE4 = 1u << 13,        /* SSSE3 and SSE4.1: x86-64 without AVX */
 	DVSM_CPU_ALL = 0xffffffffu,
 };
 
@@ -39,8 +40,8 @@ enum dvsm_cpu {
 DVSM_API uint32_t dvsm_cpu_detect(void);
 
 /**
- * Name of the best tier in a mask: "scalar", "sse2", "avx2", "avxvnni", "avx512", "vnni",
- * "avx512bf16", "amx", "neon", "dotprod", "i8mm", "neonbf16".
+ * Name of the best tier in a mask: "scalar", "sse2", "sse4", "avx2", "avxvnni", "avx512",
+ * "vnni", "avx512bf16", "amx", "neon", "dotprod", "i8mm", "neonbf16".
  */
 DVSM_API const char *dvsm_cpu_name(uint32_t mask);
 
