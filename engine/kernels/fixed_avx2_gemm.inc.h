@@ -108,29 +108,6 @@ static void gelu_row(const struct gelu *gelu, int16_t *c, size_t count)
 		c[j] = dvsm_fixed_gelu(c[j], gelu->fraction);
 }
 
-/* As AVX-512 does it (fixed_avx512_finish.h): r in 32-bit lanes where the shifts allow. */
-struct requantise {
-	bool narrow;
-	int cut;
-};
-
-static struct requantise requantise_prepare(const struct dvsm_fixed_gemm *job)
-{
-	const int bits = dvsm_fixed_bits((uint64_t)job->depth * 128 * 127);
-	const int cut = bits > 15 ? bits - 15 : 0;
-	int least = INT16_MAX, most = INT16_MIN;
-
-	for (size_t j = 0; j < job->cols; j++) {
-		int shift = job->w_mantissa[j] ? job->w_shift[j] : INT16_MAX;
-
-		least = shift < least ? shift : least;
-	}
-	for (size_t i = 0; i < job->rows; i++)
-		if (job->a_scale[i].mantissa && job->a_scale[i].exponent > most)
-			most = job->a_scale[i].exponent;
-	return (struct requantise){least - most > 15 + cut, cut};
-}
-
 /* The sixteen columns of a panel: the mantissas of their scales, twice in each lane, and shifts. */
 struct columns {
 	__m256i mantissa[2], shift[2];

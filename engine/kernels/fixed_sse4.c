@@ -1,6 +1,6 @@
 /*
  * Fixed-point products and attention of SSE4.1: small x86 cores without AVX. Two rows, or queries,
- * meet sixteen columns at a time; what becomes of a sum is left to the specification's arithmetic.
+ * meet sixteen columns at a time.
  */
 #include <smmintrin.h>
 #include <string.h>
@@ -55,44 +55,118 @@ DVSM_INLINE void dot_bytes(const struct row_bytes a[BYTE_ROWS], const int8_t *co
 
 /* ---- products ---- */
 
-static void finish(const struct dvsm_fixed_gemm *job, size_t row, size_t col,
-		   const int32_t sums[DVSM_FIXED_PANEL])
+/* The sixteen columns of a panel: the mantissas of their scales, twice in each lane, and shifts. */
+struct columns {
+	__m128i mantissa[VECTORS];
+	int shift[DVSM_FIXED_PANEL];
+	size_t count;
+};
+
+static struct columns load_columns(const struct dvsm_fixed_gemm *job, size_t col)
 {
-	const struct dvsm_fixed_scale scale = job->a_scale[row];
-	const size_t left = job->cols - col, at = row * job->c_stride + col;
-	const size_t count = left < DVSM_FIXED_PANEL ? left : DVSM_FIXED_PANEL;
-	int64_t r[DVSM_FIXED_PANEL];
+	const size_t left = job->cols - col;
+	struct columns columns = {.count = left < DVSM_FIXED_PANEL ? left : DVSM_FIXED_PANEL};
+	int16_t mantissas[DVSM_FIXED_PANEL] = {0};
 
-	for (size_t j = 0; j < count; j++) {
-		int shift = dvsm_fixed_clamp(job->w_shift[col + j] - scale.exponent, 1, 62);
-		int64_t factor = dvsm_fixed_mulhrs(scale.mantissa, job->w_mantissa[col + j]);
-
-		r[j] = dvsm_fixed_round(sums[j] * factor * (1 << 15), shift);
+	for (size_t j = 0; j < columns.count; j++) {
+		mantissas[j] = job->w_mantissa[col + j];
+		columns.shift[j] = job->w_shift[col + j];
 	}
-	if (job->epilogue == DVSM_FIXED_ADD) {
+	for (size_t j = 0; j < VECTORS; j++) {
+		__m128i four = _mm_loadl_epi64((const __m128i *)(mantissas + 4 * j));
+
+		columns.mantissa[j] = _mm_unpacklo_epi16(four, four);
+	}
+	return columns;
+}
+
+/* Four lanes to the right, by as many shifts: SSE has one for all. */
+static inline __m128i shift_lanes(__m128i a, const int by[4])
+{
+	if (by[0] == by[1] && by[0] == by[2] && by[0] == by[3])
+		return _mm_sra_epi32(a, _mm_cvtsi32_si128(by[0]));
+
+	__m128i first = _mm_sra_epi32(a, _mm_cvtsi32_si128(by[0]));
+	__m128i second = _mm_sra_epi32(a, _mm_cvtsi32_si128(by[1]));
+	__m128i third = _mm_sra_epi32(a, _mm_cvtsi32_si128(by[2]));
+	__m128i fourth = _mm_sra_epi32(a, _mm_cvtsi32_si128(by[3]));
+
+	return _mm_blend_epi16(_mm_blend_epi16(first, second, 0x0c),
+			       _mm_blend_epi16(third, fourth, 0xc0), 0xf0);
+}
+
+/* r of a row's sixteen sums, in place, exact in 32 bits. */
+static void requantise_narrow(const struct requantise *how, const struct columns *columns,
+			      struct dvsm_fixed_scale scale, int32_t sums[DVSM_FIXED_PANEL])
+{
+	const __m128i one = _mm_set1_epi32(1), up = _mm_cvtsi32_si128(16 - how->cut);
+	const __m128i mantissa = _mm_set1_epi16(scale.mantissa);
+
+	for (size_t j = 0; j < VECTORS; j++) {
+		__m128i *at = (__m128i *)(sums + 4 * j);
+		__m128i factor = _mm_mulhrs_epi16(columns->mantissa[j], mantissa);
+		__m128i words = _mm_sll_epi32(_mm_load_si128(at), up);
+		int by[4];
+
+		for (size_t k = 0; k < 4; k++)
+			by[k] = columns->shift[4 * j + k] - scale.exponent - 16 - how->cut;
+		words = _mm_blend_epi16(_mm_mulhi_epu16(words, factor), words, 0xaa);
+		words = _mm_madd_epi16(words, _mm_blend_epi16(one, factor, 0xaa));
+		words = _mm_add_epi32(shift_lanes(words, by), one);
+		_mm_store_si128(at, _mm_srai_epi32(words, 1));
+	}
+}
+
+/* The same in 64 bits: modulo 2^32, or as int16 saturates it. */
+static void requantise_wide(const struct columns *columns, bool adds, const int16_t *mantissa,
+			    struct dvsm_fixed_scale scale, int32_t sums[DVSM_FIXED_PANEL])
+{
+	for (size_t j = 0; j < columns->count; j++) {
+		int shift = dvsm_fixed_clamp(columns->shift[j] - scale.exponent, 1, 62);
+		int64_t factor = dvsm_fixed_mulhrs(scale.mantissa, mantissa[j]);
+		int64_t r = dvsm_fixed_round(sums[j] * factor * (1 << 15), shift);
+
+		sums[j] = adds ? (int32_t)(uint32_t)r : dvsm_fixed_saturate(r);
+	}
+}
+
+/* A row's sixteen sums to their place. */
+static void finish(const struct dvsm_fixed_gemm *job, const struct requantise *how,
+		   const struct columns *columns, size_t row, size_t col,
+		   int32_t sums[DVSM_FIXED_PANEL])
+{
+	const bool adds = job->epilogue == DVSM_FIXED_ADD;
+	const size_t at = row * job->c_stride + col;
+
+	if (how->narrow)
+		requantise_narrow(how, columns, job->a_scale[row], sums);
+	else
+		requantise_wide(columns, adds, job->w_mantissa + col, job->a_scale[row], sums);
+	if (adds) {
 		int32_t *c = (int32_t *)job->c + at;
 
-		for (size_t j = 0; j < count; j++)
-			c[j] = (int32_t)((uint32_t)c[j] + (uint32_t)r[j]);
+		for (size_t j = 0; j < columns->count; j++)
+			c[j] = (int32_t)((uint32_t)c[j] + (uint32_t)sums[j]);
 		return;
 	}
 
 	int16_t *c = (int16_t *)job->c + at;
 
-	for (size_t j = 0; j < count; j++)
-		c[j] = dvsm_fixed_saturate(r[j]);
+	for (size_t j = 0; j < columns->count; j++)
+		c[j] = dvsm_fixed_saturate(sums[j]);
 	if (job->epilogue == DVSM_FIXED_GELU)
-		for (size_t j = 0; j < count; j++)
+		for (size_t j = 0; j < columns->count; j++)
 			c[j] = dvsm_fixed_gelu(c[j], job->fraction);
 }
 
 /* Rows `row` and on, the strip's from `at` on, with a panel; `rows` of the two are wanted. */
-static void tile(const struct dvsm_fixed_gemm *job, size_t rows, size_t row, size_t col,
+static void tile(const struct dvsm_fixed_gemm *job, const struct requantise *how,
+		 const struct columns *columns, size_t rows, size_t row, size_t col,
 		 struct strip *strip, size_t at)
 {
 	const int8_t *w = job->panels + col * job->depth;
 	__m128i sums[BYTE_ROWS][VECTORS];
-	int32_t done[BYTE_ROWS][DVSM_FIXED_PANEL];
+	_Alignas(16) int32_t done[BYTE_ROWS][DVSM_FIXED_PANEL];
 
 	DVSM_UNROLL
 	for (int i = 0; i < BYTE_ROWS; i++) {
@@ -120,14 +194,15 @@ static void tile(const struct dvsm_fixed_gemm *job, size_t rows, size_t row, siz
 	for (int i = 0; i < BYTE_ROWS; i++) {
 		DVSM_UNROLL
 		for (size_t j = 0; j < VECTORS; j++)
-			_mm_storeu_si128((__m128i *)(done[i] + 4 * j), sums[i][j]);
+			_mm_store_si128((__m128i *)(done[i] + 4 * j), sums[i][j]);
 	}
 	for (size_t i = 0; i < rows; i++)
-		finish(job, row + i, col, done[i]);
+		finish(job, how, columns, row + i, col, done[i]);
 }
 
 void dvsm_fixed_gemm_sse4(const struct dvsm_fixed_gemm *job)
 {
+	const struct requantise how = requantise_prepare(job);
 	const size_t step = strip_rows(job);
 	struct strip strip;
 
@@ -136,10 +211,13 @@ void dvsm_fixed_gemm_sse4(const struct dvsm_fixed_gemm *job)
 
 		if (job->depth <= CHUNK)
 			prepare(job, row, 0, rows, 0, job->depth, &strip);
-		for (size_t col = 0; col < job->cols; col += DVSM_FIXED_PANEL)
+		for (size_t col = 0; col < job->cols; col += DVSM_FIXED_PANEL) {
+			const struct columns columns = load_columns(job, col);
+
 			for (size_t i = 0; i < rows; i += BYTE_ROWS)
-				tile(job, rows - i < BYTE_ROWS ? 1 : BYTE_ROWS, row + i, col,
-				     &strip, i);
+				tile(job, &how, &columns, rows - i < BYTE_ROWS ? 1 : BYTE_ROWS,
+				     row + i, col, &strip, i);
+		}
 	}
 }
 

@@ -1,7 +1,7 @@
 /*
- * Template: rows of a fixed-point product that are prepared together, while a panel of weights
- * stays in the cache. Included behind BYTE_ROWS, the rows of a tile, and row_prepare() with its
- * ROW_ROOM().
+ * Template: what the fixed-point products of SSE4.1, AVX2 and AVX-VNNI share. Rows are prepared
+ * together, a strip of them, while a panel of weights stays in the cache. Included behind
+ * BYTE_ROWS, the rows of a tile, and row_prepare() with its ROW_ROOM().
  */
 
 /* Depth of a row that is prepared at a time, and room for the rows prepared together. */
@@ -34,4 +34,27 @@ static void prepare(const struct dvsm_fixed_gemm *job, size_t row, size_t at, si
 	for (size_t i = 0; i < rows; i++)
 		strip->rows[at + i] = row_prepare(job->a + (row + i) * job->a_stride + d, count,
 						  strip->room + (at + i) * ROW_ROOM(count));
+}
+
+/* As AVX-512 does it (fixed_avx512_finish.h): r in 32-bit lanes where the shifts allow. */
+struct requantise {
+	bool narrow;
+	int cut;
+};
+
+static struct requantise requantise_prepare(const struct dvsm_fixed_gemm *job)
+{
+	const int bits = dvsm_fixed_bits((uint64_t)job->depth * 128 * 127);
+	const int cut = bits > 15 ? bits - 15 : 0;
+	int least = INT16_MAX, most = INT16_MIN;
+
+	for (size_t j = 0; j < job->cols; j++) {
+		int shift = job->w_mantissa[j] ? job->w_shift[j] : INT16_MAX;
+
+		least = shift < least ? shift : least;
+	}
+	for (size_t i = 0; i < job->rows; i++)
+		if (job->a_scale[i].mantissa && job->a_scale[i].exponent > most)
+			most = job->a_scale[i].exponent;
+	return (struct requantise){least - most > 15 + cut, cut};
 }
