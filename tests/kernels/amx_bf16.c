@@ -2,5 +2,5 @@
 #define DVSM_AMX_MODEL
 #define dvsm_kernels_bf16_amx amx_model_bf16_kernels
 
-#include "model_tiers.h"
 #include "kernels/bf16_amx.c"
+#include "model_tiers.h"

@@ -2,5 +2,5 @@
 #define DVSM_AMX_MODEL
 #define dvsm_fixed_kernels_amx amx_model_fixed_kernels
 
-#include "model_tiers.h"
 #include "kernels/fixed_amx.c"
+#include "model_tiers.h"

@@ -2,5 +2,5 @@
 #define DVSM_AVXVNNI_MODEL
 #define dvsm_fixed_kernels_avxvnni avxvnni_model_fixed_kernels
 
-#include "model_tiers.h"
 #include "kernels/fixed_avxvnni.c"
+#include "model_tiers.h"

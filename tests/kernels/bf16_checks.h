@@ -7,8 +7,8 @@
 
 #include <stdio.h>
 
-#include "model_tiers.h"
 #include "float_checks.h"
+#include "model_tiers.h"
 
 #define BF16_STEP 0x1p-7
 
