@@ -56,19 +56,69 @@ static void sum_panel(const int8_t *a, const int8_t *panel, size_t depth,
 	}
 }
 
+/* Rows that meet a panel together, and the depth that is widened for them at a time. */
+#define ROWS  32u
+#define DEPTH 512u
+
+/* `count` numbers of each column of a panel. */
+static void widen_panel(const int8_t *panel, size_t count, int16_t columns[DVSM_FIXED_PANEL][DEPTH])
+{
+	for (size_t d = 0; d < count; d++)
+		for (size_t j = 0; j < DVSM_FIXED_PANEL; j++)
+			columns[j][d] = panel[d / 4 * 4 * DVSM_FIXED_PANEL + 4 * j + d % 4];
+}
+
+/* sums += products of words with four columns: what compilers make vectors of. */
+static void dot(const int16_t *a, int16_t columns[4][DEPTH], size_t count, int32_t sums[4])
+{
+	int32_t first = 0, second = 0, third = 0, fourth = 0;
+
+	for (size_t d = 0; d < count; d++) {
+		first += a[d] * columns[0][d];
+		second += a[d] * columns[1][d];
+		third += a[d] * columns[2][d];
+		fourth += a[d] * columns[3][d];
+	}
+	sums[0] += first;
+	sums[1] += second;
+	sums[2] += third;
+	sums[3] += fourth;
+}
+
+/* sums += up to ROWS rows, from `row` on, times a piece of a panel, from depth `first` on. */
+static void add_piece(const struct dvsm_fixed_gemm *job, size_t row, size_t rows,
+		      const int8_t *panel, size_t first, int32_t sums[ROWS][DVSM_FIXED_PANEL])
+{
+	const size_t left = job->depth - first, count = left < DEPTH ? left : DEPTH;
+	int16_t columns[DVSM_FIXED_PANEL][DEPTH], numbers[DEPTH];
+
+	widen_panel(panel + first * DVSM_FIXED_PANEL, count, columns);
+	for (size_t i = 0; i < rows; i++) {
+		const int8_t *a = job->a + (row + i) * job->a_stride + first;
+
+		for (size_t d = 0; d < count; d++)
+			numbers[d] = a[d];
+		for (size_t j = 0; j < DVSM_FIXED_PANEL; j += 4)
+			dot(numbers, columns + j, count, sums[i] + j);
+	}
+}
+
 static void gemm(const struct dvsm_fixed_gemm *job)
 {
 	for (size_t first = 0; first < job->cols; first += DVSM_FIXED_PANEL) {
 		const int8_t *panel = job->panels + first * job->depth;
-		size_t width =
-			job->cols - first < DVSM_FIXED_PANEL ? job->cols - first : DVSM_FIXED_PANEL;
+		const size_t left = job->cols - first;
+		const size_t width = left < DVSM_FIXED_PANEL ? left : DVSM_FIXED_PANEL;
 
-		for (size_t i = 0; i < job->rows; i++) {
-			int32_t sums[DVSM_FIXED_PANEL];
+		for (size_t row = 0; row < job->rows; row += ROWS) {
+			const size_t rows = job->rows - row < ROWS ? job->rows - row : ROWS;
+			int32_t sums[ROWS][DVSM_FIXED_PANEL] = {{0}};
 
-			sum_panel(job->a + i * job->a_stride, panel, job->depth, sums);
-			for (size_t j = 0; j < width; j++)
-				store(job, i, first + j, sums[j]);
+			for (size_t d = 0; d < job->depth; d += DEPTH)
+				add_piece(job, row, rows, panel, d, sums);
+			for (size_t i = 0; i < rows; i++)
+				for (size_t j = 0; j < width; j++)
+					store(job, row + i, first + j, sums[i][j]);
 		}
 	}
 }
