@@ -27,35 +27,6 @@ static void store(const struct dvsm_fixed_gemm *job, size_t row, size_t col, int
 	}
 }
 
-/*
- * Sums of one row with the 16 columns of a panel, depth a multiple of 8. Products of two fit 16
- * bits: -128 .. 127 times -127 .. 127. In loops of eight, which compilers turn into vectors.
- */
-static void sum_panel(const int8_t *a, const int8_t *panel, size_t depth,
-		      int32_t sums[DVSM_FIXED_PANEL])
-{
-	int32_t parts[8][8] = {{0}};
-
-	for (size_t d = 0; d < depth; d += 8, panel += 8 * (size_t)DVSM_FIXED_PANEL) {
-		int16_t first[8], second[8];
-
-		for (size_t k = 0; k < 8; k++) {
-			first[k] = a[d + k % 4];
-			second[k] = a[d + 4 + k % 4];
-		}
-		for (size_t i = 0; i < 8; i++) {
-			for (size_t k = 0; k < 8; k++)
-				parts[i][k] += (int16_t)(first[k] * panel[8 * i + k] +
-							 second[k] * panel[64 + 8 * i + k]);
-		}
-	}
-	for (size_t j = 0; j < DVSM_FIXED_PANEL; j++) {
-		const int32_t *four = parts[j / 2] + j % 2 * 4;
-
-		sums[j] = four[0] + four[1] + four[2] + four[3];
-	}
-}
-
 /* Rows that meet a panel together, and the depth that is widened for them at a time. */
 #define ROWS  32u
 #define DEPTH 512u
@@ -125,6 +96,35 @@ static void gemm(const struct dvsm_fixed_gemm *job)
 
 /* ---- attention ---- */
 
+/*
+ * Sums of a query with 16 keys, head_width a multiple of 8. Products of two fit 16
+ * bits: -128 .. 127 times -127 .. 127. In loops of eight, which compilers turn into vectors.
+ */
+static void sum_keys(const int8_t *q, const int8_t *keys, size_t head_width,
+		     int32_t sums[DVSM_FIXED_PANEL])
+{
+	int32_t parts[8][8] = {{0}};
+
+	for (size_t d = 0; d < head_width; d += 8, keys += 8 * (size_t)DVSM_FIXED_PANEL) {
+		int16_t first[8], second[8];
+
+		for (size_t k = 0; k < 8; k++) {
+			first[k] = q[d + k % 4];
+			second[k] = q[d + 4 + k % 4];
+		}
+		for (size_t i = 0; i < 8; i++) {
+			for (size_t k = 0; k < 8; k++)
+				parts[i][k] += (int16_t)(first[k] * keys[8 * i + k] +
+							 second[k] * keys[64 + 8 * i + k]);
+		}
+	}
+	for (size_t j = 0; j < DVSM_FIXED_PANEL; j++) {
+		const int32_t *four = parts[j / 2] + j % 2 * 4;
+
+		sums[j] = four[0] + four[1] + four[2] + four[3];
+	}
+}
+
 /* Scores of a tile's keys; the last group of 16 may reach into the padding. Returns the largest. */
 static int16_t score(const struct dvsm_fixed_attention *job, const int8_t *q, size_t first,
 		     size_t count, int shift, int16_t *scores)
@@ -134,7 +134,7 @@ static int16_t score(const struct dvsm_fixed_attention *job, const int8_t *q, si
 	for (size_t key = 0; key < count; key += DVSM_FIXED_PANEL) {
 		int32_t sums[DVSM_FIXED_PANEL];
 
-		sum_panel(q, job->k + (first + key) * job->head_width, job->head_width, sums);
+		sum_keys(q, job->k + (first + key) * job->head_width, job->head_width, sums);
 		for (size_t i = 0; i < DVSM_FIXED_PANEL; i++)
 			scores[key + i] = (int16_t)(sums[i] >> shift);
 	}
