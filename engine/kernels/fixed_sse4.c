@@ -223,31 +223,7 @@ void dvsm_fixed_gemm_sse4(const struct dvsm_fixed_gemm *job)
 
 /* ---- attention ---- */
 
-/* A query on its way; the arrays lie in the scratch. */
-struct query {
-	struct dvsm_fixed_slope slope;
-	int shift; /* of its words */
-	int16_t top;
-	int64_t sum;
-	struct row_bytes q; /* [head_width] */
-	int16_t *scores;    /* words, as many as are kept */
-	int16_t *weights;   /* [DVSM_FIXED_KEYS] ordered words */
-	int32_t *o;         /* [head_width] sums above their last 8 bits */
-	int32_t *o_low;     /* [head_width] those bits; behind them what row_prepare() makes of q */
-};
-
-static void start(const struct dvsm_fixed_attention *job, size_t index, struct query *query)
-{
-	const int8_t *q = job->q + index * job->q_stride;
-
-	query->shift = dvsm_fixed_score_shift(q, job->head_width);
-	query->slope = dvsm_fixed_slope_make(job->q_scale[index * job->scale_stride], query->shift);
-	query->top = INT16_MIN;
-	query->sum = 0;
-	query->q = row_prepare(q, job->head_width, (uint8_t *)(query->o_low + job->head_width));
-	memset(query->o, 0, job->head_width * sizeof(*query->o));
-	memset(query->o_low, 0, job->head_width * sizeof(*query->o_low));
-}
+#include "kernels/fixed_query.inc.h"
 
 /* Two queries with a tile of keys. */
 static void score_pair(const struct query *queries, const int8_t *k, size_t head_width,
