@@ -3,6 +3,8 @@
 
 #include "kernels/fixed.h"
 
+#define DOT_PACKS
+
 /* Two groups of columns are 128 bytes: the room is that of a piece. */
 enum { dot_rows = 4, dot_piece = 1024, dot_room = 64 * dot_piece };
 

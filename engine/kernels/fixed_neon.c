@@ -4,14 +4,7 @@
 #include "kernels/fixed.h"
 #include "kernels/fixed_neon_rows.h"
 
-enum { dot_rows = 2, dot_piece = 1 << 16, dot_room = 1 };
-
-static inline const int8_t *dot_columns(const int8_t *b, size_t *b_step, size_t groups,
-					int8_t *room)
-{
-	(void)b_step, (void)groups, (void)room;
-	return b;
-}
+enum { dot_rows = 2 };
 
 /* Two groups of a row, each repeated for four columns. */
 struct deep {

@@ -6,10 +6,12 @@
  *                       sums[row][16] = products of dot_rows rows of A with 16 columns of B. A
  *                       group is four numbers deep: four bytes of a row, and 64 bytes of B, column
  *                       by column, b_step bytes from one to the next; groups is a multiple of 4.
- *   dot_piece           groups that it takes at most, a multiple of 4
+ *
+ * and, where dot_tile() wants the columns in another order, DOT_PACKS and
+ *
+ *   dot_piece           groups that are packed at a time, a multiple of 4
  *   dot_columns(b, &b_step, groups, room)
- *                       columns as dot_tile() wants them, for all rows: where they lie, or in
- *                       dot_room bytes of room
+ *                       packs them, for all rows, into dot_room bytes of room
  *
  * All numbers of B are -127..127, those of A -128..127, so that two products fit 16 bits.
  */
@@ -19,6 +21,17 @@
 #include "kernels/fixed_math.h"
 
 #define WIDTH ((size_t)DVSM_FIXED_PANEL)
+
+#if !defined(DOT_PACKS)
+enum { dot_piece = 1 << 16, dot_room = 1 };
+
+static inline const int8_t *dot_columns(const int8_t *b, size_t *b_step, size_t groups,
+					int8_t *room)
+{
+	(void)b_step, (void)groups, (void)room;
+	return b;
+}
+#endif
 
 /* Any number of rows with a piece of B, stored or added: the last ones are done as if there were
  * more, from rows that are there. */
