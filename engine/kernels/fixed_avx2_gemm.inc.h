@@ -13,11 +13,13 @@ static struct gelu gelu_prepare(int fraction)
 	uint8_t bytes[4][64];
 	struct gelu gelu = {.fraction = fraction};
 
+	if (fraction < 2) /* there is nothing to look up */
+		return gelu;
 	/* Half a unit of the result goes with the table. */
 	for (int i = 0; i < 64; i++) {
 		const int at = dvsm_fixed_gelu_tail[i];
 		const unsigned step = (unsigned)(dvsm_fixed_gelu_tail[i + 1] - at);
-		const unsigned tail = (unsigned)at + (fraction < 2 ? 0 : 1u << (16 - fraction));
+		const unsigned tail = (unsigned)at + (1u << (16 - fraction));
 
 		bytes[0][i] = (uint8_t)tail;
 		bytes[1][i] = (uint8_t)(tail >> 8);
@@ -91,12 +93,7 @@ static void gelu_row(const struct gelu *gelu, int16_t *c, size_t count)
 {
 	size_t j = 0;
 
-	if (gelu->fraction < 2) {
-		for (; j < count; j++)
-			c[j] = c[j] > 0 ? c[j] : 0;
-		return;
-	}
-	for (; j + 32 <= count; j += 32) {
+	for (; gelu->fraction >= 2 && j + 32 <= count; j += 32) {
 		__m256i *at = (__m256i *)(c + j);
 		__m256i u[2] = {_mm256_loadu_si256(at), _mm256_loadu_si256(at + 1)};
 

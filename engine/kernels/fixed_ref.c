@@ -97,8 +97,8 @@ static void gemm(const struct dvsm_fixed_gemm *job)
 /* ---- attention ---- */
 
 /*
- * Sums of a query with 16 keys, head_width a multiple of 8. Products of two fit 16
- * bits: -128 .. 127 times -127 .. 127. In loops of eight, which compilers turn into vectors.
+ * Sums of a query with 16 keys, head_width a multiple of 8. Products of two fit 16 bits: -128 ..
+ * 127 times -127 .. 127. In loops of eight, which compilers turn into vectors.
  */
 static void sum_keys(const int8_t *q, const int8_t *keys, size_t head_width,
 		     int32_t sums[DVSM_FIXED_PANEL])
