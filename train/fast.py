@@ -23,7 +23,7 @@ class Library:
     """The functions of blocks.h and muon.h."""
 
     def __init__(self, path):
-        library = ctypes.CDLL(path)
+        self.path, library = path, ctypes.CDLL(path)
         self.supported = library.dio_blocks_supported
         self.create, self.destroy = library.dio_blocks_create, library.dio_blocks_destroy
         self.forward, self.backward = library.dio_blocks_forward, library.dio_blocks_backward
@@ -98,15 +98,15 @@ class Function(torch.autograd.Function):
         return None, near, far, *gradients
 
 
-def supported_builds():
-    """Paths of the libraries that are built and that this processor runs, the best first."""
-    return [build for build in BUILDS if os.path.exists(build) and Library(build).supported()]
+def libraries():
+    """Those that are built and that this processor runs, the best first."""
+    built = (Library(build) for build in BUILDS if os.path.exists(build))
+    return (library for library in built if library.supported())
 
 
 def open_library():
     """The best library, or None where none is built that this processor runs."""
-    builds = supported_builds()
-    return Library(builds[0]) if builds else None
+    return next(libraries(), None)
 
 
 def make_blocks(net, library=None):
