@@ -268,16 +268,17 @@ typedef void dvsm_fixed_pack_fn(const struct dvsm_fixed_pack *job);
  * With 0 keys the output is the mean.
  */
 struct dvsm_fixed_attention {
-	const int8_t *q; /* [queries][head_width], rows q_stride bytes apart */
+	const int8_t *q; /* [queries][key_width], rows q_stride bytes apart */
 	size_t q_stride;
 	const struct dvsm_fixed_scale *q_scale; /* scale_stride apart */
 	size_t scale_stride;
 	size_t queries;  /* 0..the table's attention_queries */
-	const int8_t *k; /* packed keys, 64-byte aligned; padded ones are readable, and so are
-			  * DVSM_FIXED_BEHIND_KEYS */
+	const int8_t *k; /* packed keys of key_width numbers, 64-byte aligned; padded ones are
+			  * readable, and so are DVSM_FIXED_BEHIND_KEYS */
 	const int8_t *v; /* packed values, likewise; padded keys are 0 */
 	size_t keys;     /* below 2^31 */
 	size_t dim, head_width;
+	size_t key_width; /* head_width, or where queries have two planes a plane's twice */
 	const struct dvsm_fixed_scale *v_scale; /* [dim] of a value, in units of the output */
 	const int16_t *v_mean;                  /* [dim] in units of the output */
 	int16_t *out;                           /* [queries][dim], rows out_stride numbers apart */

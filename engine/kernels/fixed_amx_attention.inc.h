@@ -42,20 +42,20 @@
 /* A group of queries on its way; the arrays lie in the caller's scratch. */
 struct group {
 	const struct dvsm_fixed_attention *job;
-	size_t first;    /* query */
-	size_t width;    /* of the head */
-	size_t slices;   /* of the head, DEPTH each */
-	size_t pairs;    /* of groups of sixteen channels */
-	size_t blocks;   /* of all keys */
-	size_t chunk;    /* blocks that are passed over at a time */
-	size_t lines;    /* of a block's keys, or values: what the group calls of those to come */
-	int8_t *q;       /* [slices][TILE][DEPTH], 0 beyond the head */
-	int32_t *scores; /* [2 blocks][4][TILE queries][TILE keys] */
-	int16_t *words;  /* [KEPT][TILE][KEYS] */
-	uint8_t *planes; /* [SPAN][high, low][TILE][KEYS] of weights */
-	int32_t *sums;   /* [pairs][2][high, low][TILE queries][TILE channels] */
-	int32_t *tops;   /* [TILE][16] largest words so far, by key modulo 32 */
-	int32_t *total;  /* [TILE][16] sums of weights, likewise */
+	size_t first;                  /* query */
+	size_t width;                  /* of the head */
+	size_t slices;                 /* of a query, DEPTH each */
+	size_t pairs;                  /* of groups of sixteen channels */
+	size_t blocks;                 /* of all keys */
+	size_t chunk;                  /* blocks that are passed over at a time */
+	size_t key_lines, value_lines; /* of a block's: what the group calls of those to come */
+	int8_t *q;                     /* [slices][TILE][DEPTH], 0 beyond the query */
+	int32_t *scores;               /* [2 blocks][4][TILE queries][TILE keys] */
+	int16_t *words;                /* [KEPT][TILE][KEYS] */
+	uint8_t *planes;               /* [SPAN][high, low][TILE][KEYS] of weights */
+	int32_t *sums;                 /* [pairs][2][high, low][TILE queries][TILE channels] */
+	int32_t *tops;                 /* [TILE][16] largest words so far, by key modulo 32 */
+	int32_t *total;                /* [TILE][16] sums of weights, likewise */
 	struct slope slopes[TILE];
 };
 
@@ -71,7 +71,7 @@ static inline struct range range_at(size_t from, size_t most, size_t end)
 
 static inline const int8_t *keys_at(const struct group *group, size_t block)
 {
-	return group->job->k + block * KEYS * group->width;
+	return group->job->k + block * KEYS * group->job->key_width;
 }
 
 static inline int32_t *scores_at(const struct group *group, size_t block)
@@ -103,15 +103,16 @@ static inline const int8_t *values_at(const struct group *group, size_t block)
 }
 
 /*
- * Query i's share of what comes a chunk later, or in the next head, which lies behind this one as a
- * rule: to the second-level cache. What is not there does no harm.
+ * Query i's share, `each` lines of a tile's, of what comes a chunk later, or in the next head,
+ * which lies behind this one as a rule: to the second-level cache. What is not there does no harm.
  */
-static inline void call_ahead(const struct group *group, const int8_t *from, size_t i)
+static inline void call_ahead(const struct group *group, const int8_t *from, size_t width,
+			      size_t each, size_t i)
 {
-	const size_t each = group->lines, first = (group->first + i) * each / TILE;
+	const size_t first = (group->first + i) * each / TILE;
 	const size_t end = (group->first + i + 1) * each / TILE;
 
-	from += group->chunk * KEYS * group->width;
+	from += group->chunk * KEYS * width;
 	for (size_t line = first; line < end; line++)
 		_mm_prefetch(from + line * 64, _MM_HINT_T1);
 }
@@ -119,8 +120,8 @@ static inline void call_ahead(const struct group *group, const int8_t *from, siz
 /* ---- scores ---- */
 
 /*
- * A head of more than a slice is cut into whole ones; the last of them reaches back to numbers that
- * the one before has, where its queries are 0. A tile of a shorter head reaches ahead to other
+ * A query of more than a slice is cut into whole ones; the last of them reaches back to numbers
+ * that the one before has, where its queries are 0. A tile of shorter keys reaches ahead to other
  * keys, where its queries are 0 too.
  */
 static inline size_t slice_start(size_t width, size_t slice)
@@ -145,8 +146,8 @@ static void gather_queries(const struct group *group)
 	int8_t *to = group->q;
 
 	for (size_t slice = 0; slice < group->slices; slice++, to += TILE * DEPTH) {
-		const size_t start = slice_start(group->width, slice), done = slice * DEPTH;
-		const size_t left = group->width - done, bytes = left < DEPTH ? left : DEPTH;
+		const size_t start = slice_start(job->key_width, slice), done = slice * DEPTH;
+		const size_t left = job->key_width - done, bytes = left < DEPTH ? left : DEPTH;
 
 		if (bytes < DEPTH)
 			memset(to, 0, (size_t)TILE * DEPTH);
@@ -168,7 +169,8 @@ static void gather_queries(const struct group *group)
 		}                                                                                  \
 		for (size_t slice = 0; (group)->slices > 1 && slice < (group)->slices; slice++) {  \
 			AMX_LOAD(5, (group)->q + slice * TILE * DEPTH, DEPTH);                     \
-			AMX_STREAM(6, (k) + slice_start((group)->width, slice) * TILE, 64);        \
+			AMX_STREAM(6, (k) + slice_start((group)->job->key_width, slice) * TILE,    \
+				   64);                                                            \
 			AMX_DOT_SIGNED(tile, 5, 6);                                                \
 		}                                                                                  \
 	} while (0)
@@ -200,13 +202,14 @@ DVSM_INLINE void keep_words(const struct group *group, size_t block, const size_
 /* Makes the words of a block, and the scores of the next one where `ahead`. */
 DVSM_INLINE void word_step(const struct group *group, size_t block, bool ahead, __m512i tops[TILE])
 {
-	const size_t key_bytes = TILE * group->width, count = block_keys(group, block);
+	const size_t key_bytes = TILE * group->job->key_width, count = block_keys(group, block);
 	const __mmask32 lanes[2] = {word_lanes(0, count), word_lanes(32, count)};
 	const int8_t *k = keys_at(group, block + 1);
 	int32_t *next = scores_at(group, block + 1);
 
 	for (size_t i = 0; i < TILE && group->chunk < group->blocks; i++)
-		call_ahead(group, keys_at(group, block), i);
+		call_ahead(group, keys_at(group, block), group->job->key_width, group->key_lines,
+			   i);
 	if (ahead)
 		SCORE_TILE(0, group, k);
 	keep_words(group, block, 0, lanes, tops);
@@ -240,7 +243,7 @@ static inline void store_tiles(int32_t *to)
 
 static void make_words(const struct group *group, struct range range)
 {
-	const size_t key_bytes = TILE * group->width;
+	const size_t key_bytes = TILE * group->job->key_width;
 	const int8_t *k = keys_at(group, range.from);
 	__m512i tops[TILE];
 
@@ -319,8 +322,8 @@ DVSM_INLINE void weigh_block(const struct group *group, const struct softmax_lan
 	int32_t *total = group->total;
 
 	for (size_t i = 0; i < TILE; i++) {
-		call_ahead(group, k, i);
-		call_ahead(group, v, i);
+		call_ahead(group, k, group->job->key_width, group->key_lines, i);
+		call_ahead(group, v, group->width, group->value_lines, i);
 		_mm512_store_si512(total, weigh_keys(lanes, &group->slopes[i], words, high,
 						     high + BLOCK_SCORES, count,
 						     _mm512_load_si512(total)));
@@ -403,7 +406,7 @@ static void start(const struct dvsm_fixed_attention *job, size_t first, size_t i
 		  struct group *group)
 {
 	const size_t blocks = dvsm_fixed_pad(job->keys, KEYS) / KEYS;
-	const size_t slices = dvsm_fixed_pad(job->head_width, DEPTH) / DEPTH;
+	const size_t slices = dvsm_fixed_pad(job->key_width, DEPTH) / DEPTH;
 	const size_t pairs = dvsm_fixed_pad(job->head_width, 2 * TILE) / (2 * TILE);
 	const size_t tops = TILE * 16 * sizeof(int32_t);
 	unsigned char *at = job->scratch;
@@ -416,7 +419,8 @@ static void start(const struct dvsm_fixed_attention *job, size_t first, size_t i
 		.pairs = pairs,
 		.blocks = blocks,
 		.chunk = blocks > KEPT ? CHUNK : blocks,
-		.lines = job->head_width * TILE / dvsm_fixed_pad(job->queries, TILE),
+		.key_lines = job->key_width * TILE / dvsm_fixed_pad(job->queries, TILE),
+		.value_lines = job->head_width * TILE / dvsm_fixed_pad(job->queries, TILE),
 		.words = take(&at, KEPT * BLOCK_SCORES * sizeof(int16_t)),
 		.scores = take(&at, 2 * BLOCK_SCORES * sizeof(int32_t)),
 		.planes = take(&at, SPAN * 2 * BLOCK_SCORES),
@@ -430,7 +434,7 @@ static void start(const struct dvsm_fixed_attention *job, size_t first, size_t i
 		const size_t query = query_at(group, i);
 
 		group->slopes[i] = slope_make(job->q_scale[query * job->scale_stride],
-					      job->q + query * job->q_stride, job->head_width);
+					      job->q + query * job->q_stride, job->key_width);
 		_mm512_store_si512(group->tops + i * 16, _mm512_set1_epi16(INT16_MIN));
 		_mm512_store_si512(group->total + i * 16, _mm512_setzero_si512());
 	}

@@ -10,7 +10,7 @@
 
 #include "kernels/fixed_query.inc.h"
 
-static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count,
+static void score(const struct query *queries, const int8_t *k, size_t key_width, size_t count,
 		  size_t first)
 {
 	struct row_bytes rows[QUERIES];
@@ -23,7 +23,7 @@ static void score(const struct query *queries, const int8_t *k, size_t head_widt
 		DVSM_UNROLL
 		for (int i = 0; i < QUERIES; i++)
 			sums[i][0] = sums[i][1] = row_begin(&rows[i]);
-		dot_bytes(QUERIES, rows, k + at * head_width, head_width / 4, sums);
+		dot_bytes(QUERIES, rows, k + at * key_width, key_width / 4, sums);
 		DVSM_UNROLL
 		for (int i = 0; i < QUERIES; i++) {
 			const __m128i shift = _mm_cvtsi32_si128(queries[i].shift);

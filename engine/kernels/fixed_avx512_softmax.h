@@ -21,12 +21,12 @@ static inline __m512i score_words(__m512i first, __m512i second, __m512i shift)
 }
 
 /* dvsm_fixed_score_shift() */
-static inline int score_shift(const int8_t *q, size_t head_width)
+static inline int score_shift(const int8_t *q, size_t key_width)
 {
 	__m512i sum = _mm512_setzero_si512();
 
-	for (size_t d = 0; d < head_width; d += 64) {
-		const __mmask16 lanes = first_lanes((head_width - d) / 4);
+	for (size_t d = 0; d < key_width; d += 64) {
+		const __mmask16 lanes = first_lanes((key_width - d) / 4);
 		const __m512i numbers = _mm512_abs_epi8(_mm512_maskz_loadu_epi32(lanes, q + d));
 
 		sum = _mm512_add_epi64(sum, _mm512_sad_epu8(numbers, _mm512_setzero_si512()));
@@ -69,9 +69,9 @@ static inline int32_t twice(int32_t word)
 }
 
 static inline struct slope slope_make(struct dvsm_fixed_scale scale, const int8_t *q,
-				      size_t head_width)
+				      size_t key_width)
 {
-	const int shift = score_shift(q, head_width);
+	const int shift = score_shift(q, key_width);
 	const struct dvsm_fixed_slope slope = dvsm_fixed_slope_make(scale, shift);
 
 	return (struct slope){

@@ -26,7 +26,7 @@ static inline size_t scores_stride(const struct dvsm_fixed_attention *job)
 }
 
 /* Places in the caller's scratch, a query: scores, 16 bits a weight of a tile, two sums a channel,
- * two bytes a channel. */
+ * two bytes a number of the query. */
 static void place(const struct dvsm_fixed_attention *job, struct query queries[QUERIES])
 {
 	int16_t *scores = job->scratch;
@@ -39,7 +39,7 @@ static void place(const struct dvsm_fixed_attention *job, struct query queries[Q
 		queries[i].o = (int32_t *)(void *)at;
 		queries[i].o_low = queries[i].o + job->head_width;
 		at += 2 * job->head_width * sizeof(int32_t) +
-		      dvsm_fixed_pad(2 * job->head_width, 64);
+		      dvsm_fixed_pad(2 * job->key_width, 64);
 	}
 }
 
@@ -50,7 +50,7 @@ static void find_tops(const struct dvsm_fixed_attention *job, struct query queri
 	for (size_t key = 0; key < job->keys; key += DVSM_FIXED_KEYS) {
 		const size_t count = dvsm_fixed_tile_keys(job, key), at = kept ? key : 0;
 
-		score(queries, job->k + key * job->head_width, job->head_width, count, at);
+		score(queries, job->k + key * job->key_width, job->key_width, count, at);
 		for (size_t i = 0; i < QUERIES; i++) {
 			int16_t largest = largest_score(&queries[i], count, at);
 
@@ -74,7 +74,7 @@ static void attend(const struct dvsm_fixed_attention *job, struct query queries[
 		const size_t keys = dvsm_fixed_tile_keys(job, key), at = kept ? key : 0;
 
 		if (!kept)
-			score(queries, job->k + key * width, width, keys, at);
+			score(queries, job->k + key * job->key_width, job->key_width, keys, at);
 		for (size_t i = 0; i < QUERIES; i++)
 			weigh(&queries[i], keys, at);
 		mix(queries, job->v + key * width, width, keys);

@@ -242,11 +242,11 @@ static inline int dvsm_fixed_word_shift(uint32_t sum)
 	return shift;
 }
 
-static inline int dvsm_fixed_score_shift(const int8_t *q, size_t head_width)
+static inline int dvsm_fixed_score_shift(const int8_t *q, size_t key_width)
 {
 	uint32_t sum = 0;
 
-	for (size_t d = 0; d < head_width; d++)
+	for (size_t d = 0; d < key_width; d++)
 		sum += (uint32_t)(q[d] < 0 ? -q[d] : q[d]);
 	return dvsm_fixed_word_shift(sum);
 }

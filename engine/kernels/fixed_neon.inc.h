@@ -377,8 +377,8 @@ static void score(const struct dvsm_fixed_attention *job, const struct places *a
 	int16_t *scores = at->scores + (at->kept ? first : 0);
 
 	for (size_t key = 0; key < padded; key += WIDTH) {
-		dot(job->q, job->q_stride, job->queries, job->k + (first + key) * job->head_width,
-		    4 * WIDTH, job->head_width / 4, at->sums, WIDTH);
+		dot(job->q, job->q_stride, job->queries, job->k + (first + key) * job->key_width,
+		    4 * WIDTH, job->key_width / 4, at->sums, WIDTH);
 		for (size_t i = 0; i < job->queries; i++)
 			keep_words(at->sums + i * WIDTH, at->shift[i],
 				   scores + i * at->scores_stride + key);
@@ -432,8 +432,8 @@ static void attention(const struct dvsm_fixed_attention *job)
 	memset(at.o, 0, job->queries * job->head_width * sizeof(*at.o));
 	memset(at.total, 0, job->queries * sizeof(*at.total));
 	for (size_t i = 0; i < job->queries; i++)
-		at.shift[i] = (int16_t)dvsm_fixed_score_shift(job->q + i * job->q_stride,
-							      job->head_width);
+		at.shift[i] =
+			(int16_t)dvsm_fixed_score_shift(job->q + i * job->q_stride, job->key_width);
 	for (size_t first = 0; first < job->keys; first += DVSM_FIXED_KEYS) {
 		const size_t count = dvsm_fixed_tile_keys(job, first);
 

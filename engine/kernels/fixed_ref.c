@@ -97,15 +97,15 @@ static void gemm(const struct dvsm_fixed_gemm *job)
 /* ---- attention ---- */
 
 /*
- * Sums of a query with 16 keys, head_width a multiple of 8. Products of two fit 16 bits: -128 ..
+ * Sums of a query with 16 keys, key_width a multiple of 8. Products of two fit 16 bits: -128 ..
  * 127 times -127 .. 127. In loops of eight, which compilers turn into vectors.
  */
-static void sum_keys(const int8_t *q, const int8_t *keys, size_t head_width,
+static void sum_keys(const int8_t *q, const int8_t *keys, size_t key_width,
 		     int32_t sums[DVSM_FIXED_PANEL])
 {
 	int32_t parts[8][8] = {{0}};
 
-	for (size_t d = 0; d < head_width; d += 8, keys += 8 * (size_t)DVSM_FIXED_PANEL) {
+	for (size_t d = 0; d < key_width; d += 8, keys += 8 * (size_t)DVSM_FIXED_PANEL) {
 		int16_t first[8], second[8];
 
 		for (size_t k = 0; k < 8; k++) {
@@ -134,7 +134,7 @@ static int16_t score(const struct dvsm_fixed_attention *job, const int8_t *q, si
 	for (size_t key = 0; key < count; key += DVSM_FIXED_PANEL) {
 		int32_t sums[DVSM_FIXED_PANEL];
 
-		sum_keys(q, job->k + (first + key) * job->head_width, job->head_width, sums);
+		sum_keys(q, job->k + (first + key) * job->key_width, job->key_width, sums);
 		for (size_t i = 0; i < DVSM_FIXED_PANEL; i++)
 			scores[key + i] = (int16_t)(sums[i] >> shift);
 	}
@@ -171,7 +171,7 @@ static void attend(const struct dvsm_fixed_attention *job, const int8_t *q,
 		   struct dvsm_fixed_scale scale, int16_t *scores, int64_t *o, int16_t *out)
 {
 	const bool kept = job->keys <= DVSM_FIXED_SCORES;
-	const int word_shift = dvsm_fixed_score_shift(q, job->head_width);
+	const int word_shift = dvsm_fixed_score_shift(q, job->key_width);
 	struct dvsm_fixed_slope slope = dvsm_fixed_slope_make(scale, word_shift);
 	int32_t *parts = (int32_t *)(void *)(o + job->head_width);
 	int16_t top = INT16_MIN, p[DVSM_FIXED_KEYS];

@@ -226,8 +226,8 @@ void dvsm_fixed_gemm_sse4(const struct dvsm_fixed_gemm *job)
 #include "kernels/fixed_query.inc.h"
 
 /* Two queries with a tile of keys. */
-static void score_pair(const struct query *queries, const int8_t *k, size_t head_width,
-		       size_t count, size_t first)
+static void score_pair(const struct query *queries, const int8_t *k, size_t key_width, size_t count,
+		       size_t first)
 {
 	const struct row_bytes rows[BYTE_ROWS] = {queries[0].q, queries[1].q};
 
@@ -240,7 +240,7 @@ static void score_pair(const struct query *queries, const int8_t *k, size_t head
 			for (size_t j = 0; j < VECTORS; j++)
 				sums[i][j] = _mm_set1_epi32(rows[i].begin);
 		}
-		dot_bytes(rows, k + at * head_width, head_width / 4, sums);
+		dot_bytes(rows, k + at * key_width, key_width / 4, sums);
 		DVSM_UNROLL
 		for (int i = 0; i < BYTE_ROWS; i++) {
 			const __m128i shift = _mm_cvtsi32_si128(queries[i].shift);
@@ -255,11 +255,11 @@ static void score_pair(const struct query *queries, const int8_t *k, size_t head
 	}
 }
 
-static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count,
+static void score(const struct query *queries, const int8_t *k, size_t key_width, size_t count,
 		  size_t first)
 {
 	for (int i = 0; i < QUERIES; i += BYTE_ROWS)
-		score_pair(queries + i, k, head_width, count, first);
+		score_pair(queries + i, k, key_width, count, first);
 }
 
 /* Those of eight words whose key is below count. */

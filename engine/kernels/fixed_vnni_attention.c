@@ -38,10 +38,10 @@ static void start(const struct dvsm_fixed_attention *job, size_t index, struct q
 
 	query->q = job->q + index * job->q_stride;
 	query->slope =
-		slope_make(job->q_scale[index * job->scale_stride], query->q, job->head_width);
+		slope_make(job->q_scale[index * job->scale_stride], query->q, job->key_width);
 	query->top = INT16_MIN;
 	query->sum = 0;
-	for (size_t d = 0; d < job->head_width; d += 16)
+	for (size_t d = 0; d < job->key_width; d += 16)
 		sum = _mm512_dpbusd_epi32(sum, ones, _mm512_maskz_loadu_epi32(0xf, query->q + d));
 	query->offset = -128 * _mm512_reduce_add_epi32(sum);
 	memset(query->o, 0, job->head_width * sizeof(*query->o));
@@ -66,7 +66,7 @@ static inline __m512i dot(__m512i sums, __m512i unsigned_bytes, __m512i signed_b
 /* ---- scores ---- */
 
 DVSM_INLINE void score_groups(const int groups, const struct query *queries, const int8_t *k,
-			      size_t head_width, size_t at)
+			      size_t key_width, size_t at)
 {
 	const __m512i flip = _mm512_set1_epi8(INT8_MIN);
 	__m512i sums[QUERIES][SCORE_GROUPS];
@@ -77,13 +77,13 @@ DVSM_INLINE void score_groups(const int groups, const struct query *queries, con
 		for (int j = 0; j < groups; j++)
 			sums[i][j] = _mm512_set1_epi32(queries[i].offset);
 	}
-	for (size_t d = 0; d < head_width; d += 4) {
+	for (size_t d = 0; d < key_width; d += 4) {
 		__m512i b[SCORE_GROUPS];
 
 		DVSM_UNROLL
 		for (int j = 0; j < groups; j++)
 			b[j] = _mm512_xor_si512(
-				_mm512_load_si512(k + (size_t)j * DVSM_FIXED_PANEL * head_width +
+				_mm512_load_si512(k + (size_t)j * DVSM_FIXED_PANEL * key_width +
 						  d * DVSM_FIXED_PANEL),
 				flip);
 		DVSM_UNROLL
@@ -103,16 +103,16 @@ DVSM_INLINE void score_groups(const int groups, const struct query *queries, con
 }
 
 /* All of a tile; the last group may reach into the padding, or be there twice. */
-static void score(const struct query *queries, const int8_t *k, size_t head_width, size_t count,
+static void score(const struct query *queries, const int8_t *k, size_t key_width, size_t count,
 		  size_t at)
 {
 	size_t key = 0;
 
 	for (; key + (SCORE_GROUPS - 1) * DVSM_FIXED_PANEL < count;
 	     key += SCORE_GROUPS * DVSM_FIXED_PANEL)
-		score_groups(SCORE_GROUPS, queries, k + key * head_width, head_width, at + key);
+		score_groups(SCORE_GROUPS, queries, k + key * key_width, key_width, at + key);
 	if (key < count)
-		score_groups(1, queries, k + key * head_width, head_width, at + key);
+		score_groups(1, queries, k + key * key_width, key_width, at + key);
 }
 
 /* ---- values ---- */

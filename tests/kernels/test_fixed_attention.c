@@ -48,7 +48,9 @@ static void check_pack(const struct dvsm_fixed_kernels *tier)
 static int8_t *take_packed(const struct dvsm_fixed_attention *job, bool keys)
 {
 	size_t padded = dvsm_fixed_pad(job->keys, DVSM_FIXED_KEY_PAD), unit = keys ? 16 : 4;
-	const size_t bytes = padded * job->head_width, behind = keys ? DVSM_FIXED_BEHIND_KEYS : 0;
+	const size_t width = keys ? job->key_width : job->head_width;
+	const size_t numbers = width == job->head_width ? job->dim : width;
+	const size_t bytes = padded * width, behind = keys ? DVSM_FIXED_BEHIND_KEYS : 0;
 	int8_t *made = take(bytes + behind);
 	enum kind kind = draw_kind();
 
@@ -56,11 +58,11 @@ static int8_t *take_packed(const struct dvsm_fixed_attention *job, bool keys)
 	for (size_t i = 0; i < behind; i++)
 		made[bytes + i] = (int8_t)draw(7, kind);
 	for (size_t key = 0; key < job->keys; key++) {
-		int8_t *to = made + key / unit * unit * job->head_width;
+		int8_t *to = made + key / unit * unit * width;
 		/* Keys that are alike, as neighbours are, and now and then one that stands out. */
 		int bits = between(0, 30) ? between(3, 6) : 7;
 
-		for (size_t d = 0; d < job->dim; d++)
+		for (size_t d = 0; d < numbers; d++)
 			to[keys ? d / 4 * 64 + key % 16 * 4 + d % 4 : d * 4 + key % 4] =
 				(int8_t)draw(kind == EXTREME ? 7 : bits, kind);
 	}
@@ -70,21 +72,24 @@ static int8_t *take_packed(const struct dvsm_fixed_attention *job, bool keys)
 static void check_attention(const struct dvsm_fixed_kernels *tier)
 {
 	size_t dim = edge(1), width = dvsm_fixed_pad(dim, DVSM_FIXED_HEAD);
+	const bool planes = between(0, 1);
+	const size_t key_width = planes ? 2 * dvsm_fixed_pad(dim, DVSM_FIXED_DEPTH) : width;
 	struct dvsm_fixed_scale *scales, *v_scales = take(dim * sizeof(*v_scales));
 	int16_t *means = take(dim * sizeof(*means));
 	struct dvsm_fixed_attention job = {
-		.q_stride = width * (size_t)between(1, 3),
+		.q_stride = key_width * (size_t)between(1, 3),
 		.scale_stride = (size_t)between(1, 3),
 		.queries = edge(0) % (tier->attention_queries + 1),
 		.keys = edge(0) + (between(0, 1) ? 0 : 256 * (size_t)between(0, 5)) +
 			(between(0, 60) ? 0 : 8192),
 		.dim = dim,
 		.head_width = width,
+		.key_width = key_width,
 		.v_scale = v_scales,
 		.v_mean = means,
 		.out_stride = dim + (size_t)between(0, 9),
 	};
-	int8_t *q = take(job.queries ? (job.queries - 1) * job.q_stride + width : 0);
+	int8_t *q = take(job.queries ? (job.queries - 1) * job.q_stride + key_width : 0);
 	int low = between(-46, -10), high = low + between(0, 8);
 
 	scales = take(job.queries ? ((job.queries - 1) * job.scale_stride + 1) * sizeof(*scales)
@@ -92,8 +97,8 @@ static void check_attention(const struct dvsm_fixed_kernels *tier)
 	for (size_t i = 0; i < job.queries; i++) {
 		enum kind kind = draw_kind();
 
-		for (size_t d = 0; d < width; d++)
-			q[i * job.q_stride + d] = (int8_t)(d < dim ? draw(7, kind) : 0);
+		for (size_t d = 0; d < key_width; d++)
+			q[i * job.q_stride + d] = (int8_t)(planes || d < dim ? draw(7, kind) : 0);
 		scales[i * job.scale_stride] =
 			kind == ZERO ? (struct dvsm_fixed_scale){0, 0} : draw_scale(low, high);
 	}
