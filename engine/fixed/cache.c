@@ -3,6 +3,7 @@
 #include <stdlib.h>
 
 #include "base/memory.h"
+#include "fixed/fine.h"
 
 bool dvsm_fixed_cache_bytes(const struct dvsm_model_config *config, size_t tokens, size_t *bytes)
 {
@@ -13,6 +14,15 @@ bool dvsm_fixed_cache_bytes(const struct dvsm_model_config *config, size_t token
 	       dvsm_size_mul(*bytes, config->layers, bytes);
 }
 
+bool dvsm_fixed_cache_fine_bytes(const struct dvsm_model_config *config, size_t tokens,
+				 size_t *bytes)
+{
+	size_t width = config->heads * dvsm_fixed_fine_width(config->dim / config->heads);
+
+	return dvsm_size_add(tokens, DVSM_FIXED_KEY_PAD - 1, bytes) &&
+	       dvsm_size_mul(dvsm_fixed_pad(tokens, DVSM_FIXED_KEY_PAD), width, bytes);
+}
+
 static void place(struct dvsm_arena *arena, struct dvsm_fixed_cache *cache)
 {
 	const size_t layers = cache->layer_count, numbers = layers * cache->dim;
@@ -21,6 +31,7 @@ static void place(struct dvsm_arena *arena, struct dvsm_fixed_cache *cache)
 
 	cache->keys = dvsm_arena_take(arena, half, 1);
 	cache->values = dvsm_arena_take(arena, half, 1);
+	cache->fine_keys = dvsm_arena_take(arena, cache->fine_bytes, 1);
 	cache->k_scale = dvsm_arena_take(arena, numbers, sizeof(*cache->k_scale));
 	cache->v_scale = dvsm_arena_take(arena, numbers, sizeof(*cache->v_scale));
 	cache->v_mean = dvsm_arena_take(arena, numbers, sizeof(*cache->v_mean));
@@ -39,7 +50,8 @@ bool dvsm_fixed_cache_init(const struct dvsm_model_config *config, size_t tokens
 	struct dvsm_arena arena = {0};
 	size_t bytes;
 
-	if (!dvsm_fixed_cache_bytes(config, tokens, &bytes))
+	if (!dvsm_fixed_cache_bytes(config, tokens, &bytes) ||
+	    !dvsm_fixed_cache_fine_bytes(config, tokens, &made.fine_bytes))
 		return false;
 	place(&arena, &made);
 	made.memory = arena.overflow ? NULL : dvsm_aligned_alloc(arena.used);
@@ -66,9 +78,18 @@ struct dvsm_fixed_layer dvsm_fixed_cache_layer(const struct dvsm_fixed_cache *ca
 		.tokens = cache->tokens,
 		.padded = cache->padded,
 		.keys = cache->keys + layer * bytes,
+		.fine_keys = layer == 0 ? cache->fine_keys : NULL,
 		.values = cache->values + layer * bytes,
 		.k_scale = cache->k_scale + layer * cache->dim,
 		.v_scale = cache->v_scale + layer * cache->dim,
 		.v_mean = cache->v_mean + layer * cache->dim,
 	};
+}
+
+void dvsm_fixed_cache_refine(const struct dvsm_fixed_cache *cache)
+{
+	const struct dvsm_fixed_layer first = dvsm_fixed_cache_layer(cache, 0);
+
+	for (size_t head = 0; head < cache->heads; head++)
+		dvsm_fixed_layer_refine(&first, head, cache->dim / cache->heads);
 }

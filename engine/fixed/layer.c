@@ -98,6 +98,14 @@ void dvsm_fixed_layer_scale(const struct dvsm_fixed_half *half, size_t dim,
 	balance_head(half->qk_weight, dim, channels, layer->k_scale);
 }
 
+void dvsm_fixed_layer_refine(const struct dvsm_fixed_layer *layer, size_t head, size_t dim)
+{
+	const size_t bytes = dvsm_fixed_head_bytes(layer->padded, dim, 1);
+
+	dvsm_fixed_fine_keys(layer->keys + head * bytes, layer->padded, dim,
+			     dvsm_fixed_head_fine_keys(layer, head, dim));
+}
+
 /* Gains of one head: qk_weight times k_scale, brought to the largest one's exponent. */
 static int fill_gains(const struct dvsm_fixed_scale *weight, const struct dvsm_fixed_scale *k_scale,
 		      size_t width, int16_t *numbers)

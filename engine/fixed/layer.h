@@ -5,6 +5,7 @@
 #ifndef DVSM_FIXED_LAYER_H
 #define DVSM_FIXED_LAYER_H
 
+#include "fixed/fine.h"
 #include "fixed/model.h"
 #include "forward/arena.h"
 
@@ -15,6 +16,7 @@
 struct dvsm_fixed_layer {
 	size_t tokens, padded;            /* the latter a multiple of DVSM_FIXED_KEY_PAD */
 	int8_t *keys;                     /* [h] packed keys of padded x W bytes */
+	int8_t *fine_keys;                /* [h] what fine queries meet instead, or NULL */
 	int8_t *values;                   /* [h] packed values */
 	struct dvsm_fixed_scale *k_scale; /* [D] of a key, in units of normalised keys */
 	struct dvsm_fixed_scale *v_scale; /* [D] of a value, in units of attention's output */
@@ -25,6 +27,13 @@ struct dvsm_fixed_layer {
 static inline size_t dvsm_fixed_head_bytes(size_t padded, size_t dim, size_t heads)
 {
 	return padded * dvsm_fixed_pad(dim / heads, DVSM_FIXED_HEAD);
+}
+
+/** One head's fine keys. */
+static inline int8_t *dvsm_fixed_head_fine_keys(const struct dvsm_fixed_layer *layer, size_t head,
+						size_t dim)
+{
+	return layer->fine_keys + head * layer->padded * dvsm_fixed_fine_width(dim);
 }
 
 /** The small arrays of some layers, one behind the other. */
@@ -48,6 +57,9 @@ struct dvsm_fixed_layer_scales dvsm_fixed_layer_scales_place(struct dvsm_arena *
 void dvsm_fixed_layer_scale(const struct dvsm_fixed_half *half, size_t dim,
 			    const struct dvsm_fixed_range *ranges, struct dvsm_fixed_layer *layer,
 			    struct dvsm_fixed_channel *channels);
+
+/** Make the fine keys of a head of a layer that has them; dim of a head. */
+void dvsm_fixed_layer_refine(const struct dvsm_fixed_layer *layer, size_t head, size_t dim);
 
 /**
  * The gain that one head's queries need for its keys.

@@ -6,6 +6,7 @@
 
 #include "base/error.h"
 #include "base/memory.h"
+#include "fixed/fine.h"
 #include "fixed/turn.h"
 #include "forward/arena.h"
 #include "kernels/fixed_math.h"
@@ -83,12 +84,6 @@ static void take_unit(struct build *build)
 
 /* ---- matrices ---- */
 
-/* What the low plane of an input, sixteenths, is multiplied by. */
-static int8_t low_plane(int8_t number)
-{
-	return (int8_t)dvsm_fixed_round(number, DVSM_FIXED_FINE_BITS);
-}
-
 /* W beside R(W, 4), each padded. */
 static void put_planes(struct build *build, size_t out, size_t in, size_t plane)
 {
@@ -99,7 +94,7 @@ static void put_planes(struct build *build, size_t out, size_t in, size_t plane)
 
 		for (size_t d = 0; d < in; d++) {
 			high[d] = numbers[d];
-			low[d] = low_plane(numbers[d]);
+			low[d] = dvsm_fixed_fine_low(numbers[d]);
 		}
 	}
 }
@@ -132,7 +127,8 @@ static struct dvsm_fixed_matrix take_matrix(struct build *build,
 			shifts[j] = (int16_t)-scale.exponent;
 			sums[j] = 0;
 			for (size_t d = 0; d < in; d++)
-				sums[j] += numbers[d] + (fine ? low_plane(numbers[d]) : 0);
+				sums[j] +=
+					numbers[d] + (fine ? dvsm_fixed_fine_low(numbers[d]) : 0);
 		}
 		if (fine)
 			put_planes(build, out, in, plane);

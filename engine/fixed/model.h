@@ -9,9 +9,6 @@
 #include "kernels/fixed.h"
 #include "model/model.h"
 
-/** A fine product's input is high + low 2^-DVSM_FIXED_FINE_BITS. */
-#define DVSM_FIXED_FINE_BITS 4
-
 /** W[out][in] in int8 with a scale for each row, and where its products' binary point lies. */
 struct dvsm_fixed_matrix {
 	const int8_t *panels;

@@ -43,24 +43,24 @@ struct dvsm_fixed_workspace {
 
 /** What attention to one head needs of a thread's scratch. */
 struct dvsm_fixed_head_scratch {
-	int8_t *q;                        /* [DVSM_FIXED_MOST_QUERIES][head_width] */
+	int8_t *q;                        /* [DVSM_FIXED_MOST_QUERIES][fine width] */
 	struct dvsm_fixed_scale *q_scale; /* [DVSM_FIXED_MOST_QUERIES] */
-	int16_t *gains;                   /* [head_width] */
-	void *rest;                       /* the kernel's */
+	int16_t *gains;                   /* [dim of the head] */
+	void *rest;                       /* the kernel's; before, fine queries in 16 bits */
 	size_t bytes;                     /* of everything */
 };
 
 /** Place (or, without a base, measure) it. */
-static inline struct dvsm_fixed_head_scratch dvsm_fixed_head_scratch_place(void *base,
-									   size_t head_width)
+static inline struct dvsm_fixed_head_scratch dvsm_fixed_head_scratch_place(void *base, size_t dim)
 {
 	struct dvsm_arena arena = {.base = base};
 	struct dvsm_fixed_head_scratch made;
 
-	made.q = dvsm_arena_take(&arena, DVSM_FIXED_MOST_QUERIES, head_width);
+	made.q = dvsm_arena_take(&arena, DVSM_FIXED_MOST_QUERIES, dvsm_fixed_fine_width(dim));
 	made.q_scale = dvsm_arena_take(&arena, DVSM_FIXED_MOST_QUERIES, sizeof(*made.q_scale));
-	made.gains = dvsm_arena_take(&arena, head_width, sizeof(*made.gains));
-	made.rest = dvsm_arena_take(&arena, dvsm_fixed_attention_scratch(head_width), 1);
+	made.gains = dvsm_arena_take(&arena, dim, sizeof(*made.gains));
+	made.rest = dvsm_arena_take(
+		&arena, dvsm_fixed_attention_scratch(dvsm_fixed_pad(dim, DVSM_FIXED_HEAD)), 1);
 	made.bytes = arena.used;
 	return made;
 }

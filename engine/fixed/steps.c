@@ -432,6 +432,8 @@ static void pack_task(void *context, size_t index, uint32_t worker)
 	pack.channels = channels + dim;
 	pack.packed = layer->values + head * bytes;
 	job->run->kernels->pack_values(&pack);
+	if (layer->fine_keys)
+		dvsm_fixed_layer_refine(layer, head, dim);
 }
 
 void dvsm_fixed_step_pack(const struct dvsm_fixed_run *run, const struct dvsm_fixed_half *half,
@@ -454,34 +456,70 @@ struct attention_job {
 	struct dvsm_fixed_then then;
 };
 
-/* The queries of a head in int8, into the scratch. */
-static void normalise_queries(const struct attention_job *job, size_t head, size_t row,
-			      const struct dvsm_fixed_scale *k_scale,
-			      const struct dvsm_fixed_head_scratch *scratch,
-			      struct dvsm_fixed_attention *attention)
+/* The 16-bit queries of a head to int8, into the scratch. */
+static void queries(const struct attention_job *job, const struct dvsm_fixed_gain *gain,
+		    size_t head, size_t row, size_t rows,
+		    const struct dvsm_fixed_head_scratch *scratch)
 {
-	const struct dvsm_fixed_run *run = job->run;
-	const size_t dim = attention->dim;
-	const struct dvsm_fixed_gain gain = dvsm_fixed_query_gain(
-		run->model, job->half, head, dim, k_scale + head * dim, scratch->gains);
-	struct dvsm_fixed_queries queries = {
-		.u = job->u + row * run->config->dim + head * dim,
-		.u_stride = run->config->dim,
-		.rows = attention->queries,
+	const struct dvsm_model_config *config = job->run->config;
+	const size_t dim = config->dim / config->heads;
+	const struct dvsm_fixed_queries made = {
+		.u = job->u + row * config->dim + head * dim,
+		.u_stride = config->dim,
+		.rows = rows,
 		.heads = 1,
 		.dim = dim,
-		.head_width = attention->head_width,
-		.gains = &gain,
+		.head_width = dvsm_fixed_pad(dim, DVSM_FIXED_HEAD),
+		.gains = gain,
 		.q = scratch->q,
 		.q_scale = scratch->q_scale,
 	};
 
-	run->kernels->queries(&queries);
-	attention->q = scratch->q;
-	attention->q_stride = attention->head_width;
-	attention->q_scale = scratch->q_scale;
-	attention->scale_stride = 1;
-	attention->scratch = scratch->rest;
+	job->run->kernels->queries(&made);
+}
+
+/*
+ * The same to two planes: QK-norm as keys have it, times the gain in 16 bits, split. What a unit of
+ * a score is worth has the gain, sqrt(dim) of the norm and the planes' binary point in it.
+ */
+static void fine_queries(const struct attention_job *job, const struct dvsm_fixed_gain *gain,
+			 size_t head, size_t row, size_t rows,
+			 const struct dvsm_fixed_head_scratch *scratch)
+{
+	const struct dvsm_fixed_run *run = job->run;
+	const size_t dim = run->config->dim / run->config->heads;
+	const int fraction = run->model->key_fraction;
+	const struct dvsm_fixed_scale unit =
+		dvsm_fixed_multiply(dvsm_fixed_rsqrt(dim), dvsm_fixed_shift(gain->scale, 15));
+	int16_t *n = scratch->rest;
+	const struct dvsm_fixed_keys norm = {
+		.u = job->u + row * run->config->dim + head * dim,
+		.u_stride = run->config->dim,
+		.rows = rows,
+		.dim = dim,
+		.epsilon = gain->epsilon,
+		.root = run->model->root_head,
+		.fraction = fraction,
+		.n = n,
+		.n_stride = dim,
+	};
+	const struct dvsm_fixed_split split = {
+		.x = n,
+		.x_stride = dim,
+		.rows = rows,
+		.dim = dim,
+		.fraction = fraction,
+		.planes = scratch->q,
+		.plane = dvsm_fixed_fine_width(dim) / 2,
+		.a_scale = scratch->q_scale,
+	};
+
+	run->kernels->keys(&norm);
+	for (size_t i = 0; i < rows; i++)
+		dvsm_fixed_fine_weigh(n + i * dim, gain->gain, dim);
+	run->kernels->split(&split);
+	for (size_t i = 0; i < rows; i++)
+		scratch->q_scale[i] = dvsm_fixed_multiply(scratch->q_scale[i], unit);
 }
 
 /* One head's attention of rows row .. row + rows - 1 to one layer. */
@@ -498,15 +536,30 @@ static void attend(const struct attention_job *job, size_t head, size_t row, siz
 		.keys = layer->tokens,
 		.dim = dim,
 		.head_width = dvsm_fixed_pad(dim, DVSM_FIXED_HEAD),
+		.key_width = dvsm_fixed_pad(dim, DVSM_FIXED_HEAD),
 		.v_scale = layer->v_scale + head * dim,
 		.v_mean = layer->v_mean + head * dim,
 		.out = job->run->work.mixed + row * config->dim + head * dim,
 		.out_stride = config->dim,
 	};
-	const struct dvsm_fixed_head_scratch scratch = dvsm_fixed_head_scratch_place(
-		dvsm_fixed_scratch(job->run, worker), attention.head_width);
+	const struct dvsm_fixed_head_scratch scratch =
+		dvsm_fixed_head_scratch_place(dvsm_fixed_scratch(job->run, worker), dim);
+	const struct dvsm_fixed_gain gain = dvsm_fixed_query_gain(
+		job->run->model, job->half, head, dim, layer->k_scale + head * dim, scratch.gains);
 
-	normalise_queries(job, head, row, layer->k_scale, &scratch, &attention);
+	attention.q = scratch.q;
+	attention.q_scale = scratch.q_scale;
+	attention.scale_stride = 1;
+	attention.scratch = scratch.rest;
+	if (layer->fine_keys) {
+		attention.k = dvsm_fixed_head_fine_keys(layer, head, dim);
+		attention.key_width = dvsm_fixed_fine_width(dim);
+	}
+	attention.q_stride = attention.key_width;
+	if (layer->fine_keys)
+		fine_queries(job, &gain, head, row, rows, &scratch);
+	else
+		queries(job, &gain, head, row, rows, &scratch);
 	job->run->kernels->attention(&attention);
 }
 

@@ -9,8 +9,8 @@ static size_t larger(size_t a, size_t b)
 static size_t scratch_bytes(const struct dvsm_model_config *config,
 			    const struct dvsm_job_size *size)
 {
-	const size_t width = dvsm_fixed_pad(config->dim / config->heads, DVSM_FIXED_HEAD);
-	struct dvsm_fixed_head_scratch attention = dvsm_fixed_head_scratch_place(NULL, width);
+	struct dvsm_fixed_head_scratch attention =
+		dvsm_fixed_head_scratch_place(NULL, config->dim / config->heads);
 	size_t planes = 2 * DVSM_FIXED_FEW_ROWS * dvsm_fixed_pad(config->dim, DVSM_FIXED_DEPTH);
 
 	return dvsm_fixed_pad(larger(larger(attention.bytes, planes), 2 * size->scratch_bytes), 64);

@@ -145,7 +145,7 @@ enum dvsm_status dvsm_reconstruct(struct dvsm_engine *engine, const struct dvsm_
 			.tokens = (uint32_t)made->tokens,
 			.keys = made->tokens,
 			.time_ns = dvsm_engine_now_ns() - start_ns,
-			.memory = {dvsm_engine_weight_bytes(engine), made->cache_bytes,
+			.memory = {dvsm_engine_weight_bytes(engine), dvsm_scene_memory_bytes(made),
 				   engine->workspace_bytes},
 		};
 	}

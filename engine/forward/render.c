@@ -237,7 +237,7 @@ enum dvsm_status dvsm_render_batch(struct dvsm_engine *engine, const struct dvsm
 			.keys = scene->tokens,
 			.time_ns = dvsm_engine_now_ns() - start_ns,
 			.saturated = clamped,
-			.memory = {dvsm_engine_weight_bytes(engine), scene->cache_bytes,
+			.memory = {dvsm_engine_weight_bytes(engine), dvsm_scene_memory_bytes(scene),
 				   engine->workspace_bytes},
 		};
 	}

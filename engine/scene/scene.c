@@ -39,12 +39,15 @@ enum dvsm_status dvsm_scene_measure(const struct dvsm_model_config *config,
 				    uint32_t patch_px, size_t *tokens, size_t *cache_bytes,
 				    struct dvsm_error *error)
 {
-	size_t total = 0, half = 0, bytes = 0;
+	size_t total = 0, half = 0, fine = 0, bytes = 0;
 	for (uint32_t i = 0; i < views; i++) {
 		if (!dvsm_size_add(total, tokens_of(&cameras[i], patch_px), &total))
 			return fail_size("so many tokens", error);
 	}
-	if (!half_cache_bytes(config, precision, total, &half) || !dvsm_size_mul(half, 2, &bytes))
+	if (!half_cache_bytes(config, precision, total, &half) || !dvsm_size_mul(half, 2, &bytes) ||
+	    (precision == DVSM_PRECISION_FIXED &&
+	     (!dvsm_fixed_cache_fine_bytes(config, total, &fine) ||
+	      !dvsm_size_add(bytes, fine, &bytes))))
 		return fail_size("the KV-cache", error);
 	if (tokens)
 		*tokens = total;

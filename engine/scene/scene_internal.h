@@ -43,6 +43,12 @@ struct dvsm_scene {
 	size_t cache_bytes;
 };
 
+/** Bytes of the cache with what is made of it for fine queries. */
+static inline size_t dvsm_scene_memory_bytes(const struct dvsm_scene *scene)
+{
+	return scene->cache_bytes + scene->fixed.fine_bytes;
+}
+
 /** Bytes of a number of the cache. */
 static inline size_t dvsm_cache_number_bytes(enum dvsm_precision precision)
 {
@@ -70,7 +76,7 @@ static inline void *dvsm_scene_values(const struct dvsm_scene *scene, uint32_t l
 }
 
 /**
- * Bytes of the cache that dvsm_scene_allocate() would take, and the tokens it would hold.
+ * dvsm_scene_memory_bytes() that a scene would have, and the tokens it would hold.
  *
  * cameras   [views], checked; only the sizes matter
  * tokens    receives the sum over the views, or NULL

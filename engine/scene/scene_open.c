@@ -366,6 +366,8 @@ static enum dvsm_status read_scene(struct reading *r, const struct dvsm_model *m
 		status = check_scales(r, error);
 	if (status == DVSM_OK)
 		status = place_cameras(r, error);
+	if (status == DVSM_OK && with_cache && r->precision == DVSM_PRECISION_FIXED)
+		dvsm_fixed_cache_refine(&r->scene->fixed);
 	if (status == DVSM_OK && with_cache && r->precision == DVSM_PRECISION_BF16)
 		status = dvsm_scene_lay(r->scene, error);
 	return status;

@@ -69,7 +69,7 @@ struct dvsm_engine_options {
 /** Bytes planned before a run; what is planned is what is used. */
 struct dvsm_memory {
 	size_t weights_bytes; /* what the model keeps, and the set that engines of its kind share */
-	size_t cache_bytes;
+	size_t cache_bytes;   /* keys and values; in fixed also the first block's keys in planes */
 	size_t workspace_bytes; /* the larger of the two stages */
 };
 

@@ -146,6 +146,55 @@ static void planes_of_a_norm_are_joined(void **state)
 	}
 }
 
+/* Where a key's numbers are among packed ones of `width` numbers a key. */
+static size_t packed_at(size_t key, size_t d, size_t width)
+{
+	return key / 16 * 16 * width + d / 4 * 64 + key % 16 * 4 + d % 4;
+}
+
+/* 16 q k of an exact query is what both planes make, but for what R(k, 4) leaves: a half for each
+ * of up to 8. */
+static void fine_queries_meet_keys_in_planes(void **state)
+{
+	static const size_t dims[] = {9, 16, 32, 64, 80, 128};
+	struct support_random random = {SEED};
+
+	(void)state;
+	for (size_t c = 0; c < sizeof(dims) / sizeof(dims[0]); c++) {
+		const size_t dim = dims[c], padded = DVSM_FIXED_KEY_PAD;
+		const size_t width = dvsm_fixed_pad(dim, DVSM_FIXED_HEAD);
+		const size_t fine_width = dvsm_fixed_fine_width(dim);
+		int8_t *keys = calloc(padded, width), *fine = malloc(padded * fine_width);
+		int16_t query[128];
+
+		assert_non_null(keys);
+		assert_non_null(fine);
+		for (size_t key = 0; key < padded; key++)
+			for (size_t d = 0; d < dim; d++)
+				keys[packed_at(key, d, width)] =
+					(int8_t)(254 * support_random_unit(&random) - 127);
+		for (size_t d = 0; d < dim; d++)
+			query[d] = (int16_t)(4000 * support_random_unit(&random) - 2000);
+		dvsm_fixed_fine_keys(keys, padded, dim, fine);
+		for (size_t key = 0; key < padded; key++) {
+			int exact = 0, made = 0;
+
+			for (size_t d = 0; d < fine_width / 2; d++) {
+				const int high = d < dim ? (query[d] + 8) >> 4 : 0;
+				const int low = d < dim ? query[d] - 16 * high : 1;
+				const size_t at = packed_at(key, d, fine_width);
+
+				exact += d < dim ? query[d] * keys[packed_at(key, d, width)] : 0;
+				made += high * fine[at];
+				made += low * fine[packed_at(key, fine_width / 2 + d, fine_width)];
+			}
+			assert_true(abs(exact - 16 * made) <= 16 * 4 * (int)dim);
+		}
+		free(keys);
+		free(fine);
+	}
+}
+
 static void nothing_and_the_most_negative_number_are_split(void **state)
 {
 	const int16_t zeros[4] = {0}, lowest[4] = {INT16_MIN, 0, 0, 0};
@@ -168,6 +217,7 @@ int main(void)
 		cmocka_unit_test(vectors_and_integers_turn_alike),
 		cmocka_unit_test(planes_hold_twelve_bits),
 		cmocka_unit_test(planes_of_a_norm_are_joined),
+		cmocka_unit_test(fine_queries_meet_keys_in_planes),
 		cmocka_unit_test(nothing_and_the_most_negative_number_are_split),
 	};
 
