@@ -5,7 +5,9 @@ sees what it would have seen.
 """
 import dataclasses
 import itertools
+import json
 import math
+import os
 import random
 import threading
 import time
@@ -19,6 +21,22 @@ FIRST_TRAINING_SEED = 1 << 20
 KINDS = {"all": 0, "tables": 16, "rooms": 32, "turntables": 64, "streets": 128}
 # Grids away from the square, as a difference of tokens across and down.
 ASPECTS = ((2, -2), (-2, 2), (1, -1), (-1, 1), (3, -2), (-2, 3))
+
+
+def load_recipe(path):
+    """A recipe of recipes/. One with `base` is that of the file beside it, with what it says itself
+    in place; of its stages each says what is different in the base's at the same place."""
+    with open(path, encoding="utf-8") as file:
+        recipe = json.load(file)
+    if "base" not in recipe:
+        return recipe
+    base = load_recipe(os.path.join(os.path.dirname(path), recipe.pop("base")))
+    changes = recipe.pop("stages", [{}] * len(base["stages"]))
+    if len(changes) != len(base["stages"]):
+        raise SystemExit(f"train: {path}: {len(changes)} stages, its base has "
+                         f"{len(base['stages'])}: give as many, {{}} for one that stays")
+    stages = [{**stage, **change} for stage, change in zip(base["stages"], changes)]
+    return {**base, **recipe, "stages": stages}
 
 
 @dataclasses.dataclass(frozen=True)

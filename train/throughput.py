@@ -9,7 +9,6 @@ from the shapes; the matrix rate is that of PyTorch's own product of 2048 x 2048
 first. Fastest of N.
 """
 import argparse
-import json
 import os
 import sys
 import time
@@ -95,8 +94,7 @@ def main():
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     train.keep_memory()
-    with open(os.path.join(HERE, "recipes", "cpu.json"), encoding="utf-8") as file:
-        recipe = json.load(file)
+    recipe = data.load_recipe(os.path.join(HERE, "recipes", "cpu.json"))
     if "blocks" in args.only and not fast.open_library():
         raise SystemExit("throughput: no AVX-512, or the blocks in C are not built (cmake --build "
                          "--preset release --target dio_blocks); name the others with --only")

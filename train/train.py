@@ -340,8 +340,7 @@ def loop(args, recipe, place, run, generator):
 def main():
     args = arguments()
     keep_memory()
-    with open(args.recipe, encoding="utf-8") as file:
-        recipe = json.load(file)
+    recipe = data.load_recipe(args.recipe)
     if args.threads:
         torch.set_num_threads(args.threads)
     if args.compile:

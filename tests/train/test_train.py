@@ -181,6 +181,21 @@ class Trainer(unittest.TestCase):
         self.assertAlmostEqual(small[0, 0, 0].item(), (0 + 1 + 0.4 * 2) / 2.4, places=12)
         self.assertAlmostEqual(geometry.resample(ramp, (24, 8))[0, 5, 0].item(), 2.25, places=12)
 
+    def test_a_recipe_changes_what_it_says_of_its_base(self):
+        recipes = os.path.join(HERE, "..", "..", "train", "recipes")
+        whole, slot = (data.load_recipe(os.path.join(recipes, name))
+                       for name in ("gpu.json", "gpu-slot.json"))
+        self.assertEqual([stage.get("until_step") for stage in slot["stages"]], [2500, 4500, None])
+        for stage, other in zip(whole["stages"], slot["stages"]):
+            self.assertEqual({**stage, "until_step": None}, {**other, "until_step": None})
+        self.assertEqual({**whole, "average_decay": 0, "stages": 0},
+                         {**slot, "average_decay": 0, "stages": 0})
+        short = self.path("short.json")
+        with open(short, "w", encoding="utf-8") as file:
+            json.dump({"base": os.path.join(recipes, "gpu.json"), "stages": [{}]}, file)
+        with self.assertRaisesRegex(SystemExit, "short.json: 1 stages, its base has 3"):
+            data.load_recipe(short)
+
     def test_steps_follow_from_seed_and_number_alone(self):
         plans = [data.plan(RECIPE, 5, n) for n in range(50)]
         self.assertEqual(plans, [data.plan(RECIPE, 5, n) for n in range(50)])
