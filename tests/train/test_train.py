@@ -1,10 +1,12 @@
 """Tests of the trainer: python3 tests/train/test_train.py (exit 77 without PyTorch)."""
+import contextlib
 import json
 import os
 import sys
 import tempfile
 import types
 import unittest
+import unittest.mock
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "..", "..", "train"))
@@ -161,6 +163,25 @@ class Trainer(unittest.TestCase):
         frugal = run_steps(make_run(self.path("b"), gradient_checkpointing=True), Smooth(), 3)
         for a, b in zip(plain, frugal):
             self.assertAlmostEqual(a, b, places=6)
+
+    def test_a_step_away_from_the_cpu_mixes_no_devices(self):
+        # Tensors on `meta` have shapes and no numbers: a tensor of the CPU among them is refused,
+        # as it would be on a GPU.
+        meta, loss_of = torch.device("meta"), losses.Loss()
+        net = dvsm.Dvsm(dvsm.Config(**TINY)).to(meta)
+        matrices = [weight for weight in net.blocks.parameters() if weight.dim() == 2]
+        optimiser = optim.Muon(matrices, 1e-3, 0.05)
+        with unittest.mock.patch("torch.autocast", lambda *_, **__: contextlib.nullcontext()):
+            for size, patches in (((16, 16), (4, 4)), ((24, 16), (8, 4)), ((16, 32), (4, 8))):
+                batch = tuple(t.to(meta) for t in Smooth().batch(3, 2, 5, size))
+                pictures, poses, intrinsics = batch
+                got = net(pictures[:, :3], poses, intrinsics, size, patches)
+                loss_of(got, pictures[:, 3:])[0].backward()
+            here = Smooth().batch(3, 2, 5, size)[0]
+            with self.assertRaisesRegex(RuntimeError, "device|meta"):
+                net(here[:, :3], poses, intrinsics, size, patches)
+        optimiser.step()
+        optim.Average(net, 0.99).update(net)
 
     def test_moving_turning_and_scaling_the_rig_changes_no_pixel(self):
         net = dvsm.Dvsm(dvsm.Config(**TINY)).double()
