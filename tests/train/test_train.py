@@ -18,6 +18,7 @@ except ImportError:
 
 if torch:
     import ablate
+    import average
     import checkpoint
     import checks
     import data
@@ -104,6 +105,21 @@ class Trainer(unittest.TestCase):
         self.assertEqual(again.config, net.config)
         for name, weight in net.named_parameters():
             self.assertTrue(torch.equal(weight, dict(again.named_parameters())[name]), name)
+
+    def test_models_are_averaged(self):
+        paths = [self.path(f"{i}.safetensors") for i in range(3)]
+        nets = [dvsm.Dvsm(dvsm.Config(**TINY)) for _ in paths]
+        for path, net in zip(paths, nets):
+            dvsm.save(path, dict(net.named_parameters()), net.config, torch.float32)
+        weights, config = average.average(paths)
+        self.assertEqual(config, nets[0].config)
+        for name, weight in weights.items():
+            want = sum(dict(net.named_parameters())[name].detach() for net in nets) / 3
+            self.assertLess((weight - want).abs().max().item(), 1e-6)
+        other = dvsm.Dvsm(dvsm.Config(**dict(TINY, layers=1)))
+        dvsm.save(paths[1], dict(other.named_parameters()), other.config)
+        with self.assertRaisesRegex(SystemExit, "1.safetensors is .*: give files of runs"):
+            average.average(paths)
 
     def test_a_damaged_model_file_is_refused_by_name(self):
         net = dvsm.Dvsm(dvsm.Config(**TINY))
