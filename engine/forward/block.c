@@ -3,6 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "kernels/bf16.h"
+
 /* Most tokens of a tile: the hidden numbers of their MLP fit the second-level cache. */
 #define TILE_TOKENS 256u
 
@@ -316,6 +318,33 @@ static void project_queries(const struct dvsm_run *run, const struct tile *tile,
 			  run->model->config.dim, DVSM_EPILOGUE_STORE);
 }
 
+/* x[count] less what bfloat16 makes of it. */
+static void keep_rest(float *x, size_t count)
+{
+	for (size_t i = 0; i < count; i++)
+		x[i] -= dvsm_bf16_widen(dvsm_bf16_round(x[i]));
+}
+
+/*
+ * The same of rows that are not rounded first: the queries of what bfloat16 makes of them, and of
+ * the rest. The rows wait where keys and values were.
+ */
+static void project_fine_queries(const struct dvsm_run *run, const struct tile *tile,
+				 const struct dvsm_half_weights *weights)
+{
+	const size_t dim = run->model->config.dim;
+	float *rows = wide_keys(run, tile);
+
+	run->kernels->embed_norm(residual(run, tile), tile->rows, dim, weights->norm,
+				 (float)run->model->config.norm_eps, rows);
+	run->kernels->left(rows, dim, tile->rows, dim, normed(run, tile), dim, 0);
+	project_queries(run, tile, weights);
+	keep_rest(rows, tile->rows * dim);
+	run->kernels->left(rows, dim, tile->rows, dim, normed(run, tile), dim, 0);
+	dvsm_rows_product(run, normed(run, tile), tile->rows, &weights->query, wide(run, tile), dim,
+			  DVSM_EPILOGUE_ADD);
+}
+
 /* One head's attention for rows first .. first + rows - 1 of the tile, into its normed rows. */
 static void attend_head(const struct dvsm_run *run, const struct tile *tile,
 			const struct dvsm_half_weights *weights, const struct dvsm_heads *heads,
@@ -430,6 +459,11 @@ static void queries_task(void *context, size_t index, uint32_t worker)
 	const struct tile tile = find_tile(job, index);
 
 	(void)worker;
+	/* Here a ray finds its place in the other views: what is lost now is lost in all blocks. */
+	if (job->layer == 0 && job->run->kernels->number_bytes < sizeof(float)) {
+		project_fine_queries(job->run, &tile, weights);
+		return;
+	}
 	norm(job->run, &tile, weights->norm);
 	project_queries(job->run, &tile, weights);
 }
