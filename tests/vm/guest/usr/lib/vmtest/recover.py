@@ -77,6 +77,8 @@ def main():
         for _ in range(int(times)):
             reader.forget()
             at = {"unplug": unplug, "kill": kill}[harm](reader)
+            # A frame from before may still come behind the news that the camera is gone.
+            reader.wait_for("streaming")
             print(f"back {max(reader.wait_for('frame') - at, 0):.3f}", flush=True)
     finally:
         reader.process.kill()
