@@ -1,7 +1,8 @@
 """Mean of the weights of several runs that started from the same ones, each with a --seed of its own.
 
-Runs that part late lie in one valley of the loss, and their mean is better than any of them, most of
-all on what none was trained for: what each learnt of its own scenes alone averages out.
+Runs that part late lie in one valley of the loss. Their mean is about as good as the best of them on
+what they were trained for, and better on what none was: what each learnt of its own scenes alone
+averages out.
 """
 import argparse
 import sys
