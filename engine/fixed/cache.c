@@ -5,13 +5,18 @@
 #include "base/memory.h"
 #include "fixed/fine.h"
 
+/* Bytes of the keys of one layer, of this width in all heads. */
+static bool layer_bytes(size_t tokens, size_t width, size_t *bytes)
+{
+	return dvsm_size_add(tokens, DVSM_FIXED_KEY_PAD - 1, bytes) &&
+	       dvsm_size_mul(dvsm_fixed_pad(tokens, DVSM_FIXED_KEY_PAD), width, bytes);
+}
+
 bool dvsm_fixed_cache_bytes(const struct dvsm_model_config *config, size_t tokens, size_t *bytes)
 {
 	size_t width = config->heads * dvsm_fixed_pad(config->dim / config->heads, DVSM_FIXED_HEAD);
 
-	return dvsm_size_add(tokens, DVSM_FIXED_KEY_PAD - 1, bytes) &&
-	       dvsm_size_mul(dvsm_fixed_pad(tokens, DVSM_FIXED_KEY_PAD), width, bytes) &&
-	       dvsm_size_mul(*bytes, config->layers, bytes);
+	return layer_bytes(tokens, width, bytes) && dvsm_size_mul(*bytes, config->layers, bytes);
 }
 
 bool dvsm_fixed_cache_fine_bytes(const struct dvsm_model_config *config, size_t tokens,
@@ -19,8 +24,7 @@ bool dvsm_fixed_cache_fine_bytes(const struct dvsm_model_config *config, size_t 
 {
 	size_t width = config->heads * dvsm_fixed_fine_width(config->dim / config->heads);
 
-	return dvsm_size_add(tokens, DVSM_FIXED_KEY_PAD - 1, bytes) &&
-	       dvsm_size_mul(dvsm_fixed_pad(tokens, DVSM_FIXED_KEY_PAD), width, bytes);
+	return layer_bytes(tokens, width, bytes);
 }
 
 static void place(struct dvsm_arena *arena, struct dvsm_fixed_cache *cache)
