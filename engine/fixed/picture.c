@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "fixed/deblock.h"
 #include "fixed/resample.h"
 #include "fixed/turn.h"
 #include "kernels/fixed_math.h"
@@ -10,9 +11,8 @@
 /* Rays of a token are q^2 divisions and roots: a few tokens make a task. */
 #define RAY_TOKENS 8u
 
-/* Rows of the finished picture that make a task, and numbers of the colour step. */
-#define PICTURE_ROWS   16u
-#define COLOUR_NUMBERS 4096u
+/* Rows of the finished picture that make a task. */
+#define PICTURE_ROWS 16u
 
 /* Rays and colours below these powers of two never leave the embedding's 32 bits. */
 #define NEAR_RAY_BITS    1
@@ -192,16 +192,13 @@ void dvsm_fixed_picture_embed(const struct dvsm_fixed_run *run, const struct dvs
 
 /* ---- picture ---- */
 
-/* Colours end here: they are as exact in float32 as in 32 bits. */
-#define COLOUR_LIMIT (128 << DVSM_FIXED_COLOUR)
-
 /* To the limits; *clamped grows when that changes it. */
 static int32_t clamp_colour(int64_t wide, uint64_t *clamped)
 {
-	if (wide >= -COLOUR_LIMIT && wide <= COLOUR_LIMIT)
+	if (wide >= -DVSM_FIXED_COLOUR_LIMIT && wide <= DVSM_FIXED_COLOUR_LIMIT)
 		return (int32_t)wide;
 	++*clamped;
-	return wide < 0 ? -COLOUR_LIMIT : COLOUR_LIMIT;
+	return wide < 0 ? -DVSM_FIXED_COLOUR_LIMIT : DVSM_FIXED_COLOUR_LIMIT;
 }
 
 static int32_t colour_of(int32_t y, int fraction, bool sigmoid, uint64_t *clamped)
@@ -217,11 +214,12 @@ static int32_t colour_of(int32_t y, int fraction, bool sigmoid, uint64_t *clampe
 	return clamp_colour((1 << (DVSM_FIXED_COLOUR - 1)) + dvsm_fixed_round(wide, 1), clamped);
 }
 
+/* A row of tokens. */
 static void colour_task(void *context, size_t index, uint32_t worker)
 {
 	const struct picture_job *job = context;
-	int32_t *y = job->run->work.sums + index * COLOUR_NUMBERS;
-	size_t count = tile_length(job->count * job->width, COLOUR_NUMBERS, index);
+	const size_t count = job->plan->grid.columns * job->width;
+	int32_t *y = job->run->work.sums + index * count;
 	uint64_t clamped = 0;
 
 	(void)worker;
@@ -230,6 +228,16 @@ static void colour_task(void *context, size_t index, uint32_t worker)
 				 &clamped);
 	if (clamped)
 		atomic_fetch_add(job->run->clamped, clamped);
+	if (job->run->deblock)
+		dvsm_fixed_deblock_row(job->plan, job->run->work.sums, (uint32_t)index);
+}
+
+static void seam_task(void *context, size_t index, uint32_t worker)
+{
+	const struct picture_job *job = context;
+
+	(void)worker;
+	dvsm_fixed_deblock_seam(job->plan, job->run->work.sums, (uint32_t)index);
 }
 
 static void join_task(void *context, size_t index, uint32_t worker)
@@ -266,6 +274,8 @@ void dvsm_fixed_picture_write(const struct dvsm_fixed_run *run, const struct dvs
 	dvsm_fixed_step_norm_planes(run, x, job.count, &run->model->final_norm);
 	memset(run->work.sums, 0, job.count * job.width * sizeof(int32_t));
 	add_planes(run, job.count, &run->model->to_rgb);
-	dvsm_pool_run(run->pool, tiles(job.count * job.width, COLOUR_NUMBERS), colour_task, &job);
+	dvsm_pool_run(run->pool, plan->grid.rows, colour_task, &job);
+	if (run->deblock)
+		dvsm_pool_run(run->pool, plan->grid.rows - 1, seam_task, &job);
 	dvsm_pool_run(run->pool, tiles(plan->height, PICTURE_ROWS), join_task, &job);
 }

@@ -72,6 +72,7 @@ struct dvsm_fixed_run {
 	const struct dvsm_fixed_kernels *kernels;
 	struct dvsm_pool *pool;
 	struct dvsm_trace *trace; /* NULL, or compares what the blocks compute */
+	bool deblock;             /* rendered pictures */
 	struct dvsm_fixed_workspace work;
 	_Atomic uint64_t *clamped; /* counts colours that were; used by rendering alone */
 };

@@ -52,6 +52,7 @@ enum dvsm_status dvsm_engine_create(const struct dvsm_model *model,
 		return dvsm_fail(error, DVSM_NO_MEM, "no memory for an engine");
 	made->model = model;
 	made->precision = options->precision;
+	made->deblock = options->deblock;
 	status = choose_path(made, options, error);
 	if (status == DVSM_OK)
 		status = dvsm_pool_create(threads, &made->pool, error);
@@ -198,6 +199,7 @@ struct dvsm_run dvsm_engine_begin(const struct dvsm_engine *engine,
 		.kernels = engine->kernels,
 		.pool = engine->pool,
 		.trace = dvsm_trace_begin(engine->trace, size.tokens),
+		.deblock = engine->deblock,
 		.work = dvsm_workspace_place(&arena, config, &size, engine->kernels),
 	};
 }
@@ -216,6 +218,7 @@ struct dvsm_fixed_run dvsm_engine_begin_fixed(const struct dvsm_engine *engine,
 		.kernels = &engine->fixed_kernels,
 		.pool = engine->pool,
 		.trace = dvsm_trace_begin(engine->trace, size.tokens),
+		.deblock = engine->deblock,
 		.work = dvsm_fixed_workspace_place(&arena, config, &size),
 	};
 }

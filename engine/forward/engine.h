@@ -15,6 +15,7 @@ struct dvsm_engine {
 	struct dvsm_fixed_kernels fixed_kernels;
 	struct dvsm_pool *pool;
 	enum dvsm_precision precision;
+	bool deblock;
 	struct dvsm_trace *trace; /* NULL but while precisions are compared; borrowed */
 	void *workspace;          /* grows to the largest job so far; owned */
 	size_t workspace_bytes;

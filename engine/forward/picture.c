@@ -2,14 +2,13 @@
 
 #include <stdbool.h>
 
+#include "geometry/deblock.h"
+
 /* Rays of a token are q^2 divisions and roots: a few tokens make a task. */
 #define RAY_TOKENS 8u
 
 /* Rows of the finished picture that make a task. */
 #define PICTURE_ROWS 16u
-
-/* Numbers that make a task of the final colour step. */
-#define COLOUR_NUMBERS 16384u
 
 struct picture_job {
 	const struct dvsm_run *run;
@@ -18,7 +17,7 @@ struct picture_job {
 	const float *rgb;
 	float *patches;
 	const struct dvsm_picture_out *out;
-	size_t count;
+	size_t count; /* tokens */
 };
 
 static void ray_task(void *context, size_t index, uint32_t worker)
@@ -70,14 +69,25 @@ void dvsm_picture_embed(const struct dvsm_run *run, const struct dvsm_ray_map *m
 	dvsm_step_embed_norm(run, x, tokens, run->weights->embed_norm);
 }
 
+/* A row of tokens. */
 static void colour_task(void *context, size_t index, uint32_t worker)
+{
+	const struct picture_job *job = context;
+	const size_t numbers = job->plan->grid.columns * job->run->weights->to_rgb.out;
+
+	(void)worker;
+	job->run->kernels->to_colour(job->patches + index * numbers, numbers,
+				     job->run->model->config.rgb_sigmoid);
+	if (job->run->deblock)
+		dvsm_deblock_row(job->plan, job->patches, (uint32_t)index);
+}
+
+static void seam_task(void *context, size_t index, uint32_t worker)
 {
 	const struct picture_job *job = context;
 
 	(void)worker;
-	job->run->kernels->to_colour(job->patches + index * COLOUR_NUMBERS,
-				     dvsm_tile_length(job->count, COLOUR_NUMBERS, index),
-				     job->run->model->config.rgb_sigmoid);
+	dvsm_deblock_seam(job->plan, job->patches, (uint32_t)index);
 }
 
 /* The first test also sends a number that is not finite to black. */
@@ -110,18 +120,19 @@ void dvsm_picture_write(const struct dvsm_run *run, const struct dvsm_patch_plan
 			const float *x, const struct dvsm_picture_out *out)
 {
 	const struct dvsm_matrix *to_rgb = &run->weights->to_rgb;
-	const size_t tokens = dvsm_token_grid_count(plan->grid);
 	struct picture_job job = {
 		.run = run,
 		.plan = plan,
 		.patches = run->work.wide,
 		.out = out,
-		.count = tokens * to_rgb->out,
+		.count = dvsm_token_grid_count(plan->grid),
 	};
 
-	dvsm_step_norm(run, x, tokens, run->weights->final_norm, run->work.normed);
-	dvsm_step_product(run, run->work.normed, tokens, to_rgb, job.patches, to_rgb->out,
+	dvsm_step_norm(run, x, job.count, run->weights->final_norm, run->work.normed);
+	dvsm_step_product(run, run->work.normed, job.count, to_rgb, job.patches, to_rgb->out,
 			  DVSM_EPILOGUE_STORE);
-	dvsm_pool_run(run->pool, dvsm_tiles(job.count, COLOUR_NUMBERS), colour_task, &job);
+	dvsm_pool_run(run->pool, plan->grid.rows, colour_task, &job);
+	if (run->deblock)
+		dvsm_pool_run(run->pool, plan->grid.rows - 1, seam_task, &job);
 	dvsm_pool_run(run->pool, dvsm_tiles(plan->height, PICTURE_ROWS), join_task, &job);
 }

@@ -18,6 +18,7 @@ struct dvsm_run {
 	const struct dvsm_kernels *kernels;
 	struct dvsm_pool *pool;
 	struct dvsm_trace *trace; /* NULL, or notes what the blocks compute */
+	bool deblock;             /* rendered pictures */
 	struct dvsm_workspace work;
 };
 

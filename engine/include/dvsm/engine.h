@@ -64,6 +64,9 @@ struct dvsm_engine_options {
 	 * made it reads it, AMX or not: for the other kind each rendering makes a copy. */
 	uint32_t cpu_mask;
 	enum dvsm_precision precision;
+	/* Even out the steps between patches of rendered pictures (deblocking). Not in MODEL.md:
+	 * without it pictures are exactly the model's. */
+	bool deblock;
 };
 
 /** Bytes planned before a run; what is planned is what is used. */
