@@ -69,7 +69,7 @@ def write_generated(out, library, scenes):
 def run_engine(args, scene, patches):
     """One call of `diorama eval --json`."""
     command = [args.diorama, "eval", "--model", args.model, "--scene", scene, "--json",
-               "--threads", str(args.threads)]
+               "--threads", str(args.threads), "--deblock", args.deblock]
     if patches:
         command += ["--patch-recon", str(patches[0]), "--patch-render", str(patches[1])]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -150,6 +150,8 @@ def main():
     rate.add_argument("--out", help="all figures as JSON")
     rate.add_argument("--diorama", default=DIORAMA)
     rate.add_argument("--threads", type=int, default=0)
+    rate.add_argument("--deblock", choices=("auto", "on", "off"), default="auto",
+                      help="even out seams of patches (default: as the model's card says)")
     rate.add_argument("--baselines", help="baselines.py, for the plane sweep")
     rate.add_argument("--baselines-python", default="/usr/bin/python3")
     rate.add_argument("--verbose", action="store_true", help="a line for each set")

@@ -115,7 +115,7 @@ enum dio_status dio_work_open(const struct dio_draw_size *size, const char *mode
 	if (model && !(work->model_path = strdup(model)))
 		status = dio_fail(error, DIO_NO_MEM, "%s: no memory", model);
 	if (status == DIO_OK && model)
-		status = dio_model_read_tokens_per_view(model, &work->tokens_per_view, error);
+		status = dio_model_read_card(model, &work->card, error);
 	if (status == DIO_OK)
 		status = dio_work_use(work, precision, error);
 	if (status == DIO_OK)

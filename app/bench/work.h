@@ -5,6 +5,7 @@
 #include <stdbool.h>
 
 #include "bench/draw.h"
+#include "core/model_choice.h"
 #include "core/view.h"
 #include "dvsm/dvsm.h"
 
@@ -18,7 +19,7 @@ struct dio_work {
 	const struct dio_draw_size *size; /* static */
 	char *model_name;                 /* for people */
 	char *scene_name;
-	uint32_t tokens_per_view; /* that the weights were trained with; 0: unknown */
+	struct dio_model_card card; /* of model_path; of its deblocking nothing is measured */
 	struct dio_view_set views;
 	struct dvsm_view *context; /* the same for the engine, [views.context_count] */
 	float *pixels;             /* of all context pictures */

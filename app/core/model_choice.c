@@ -29,23 +29,23 @@ static char *card_path(const char *model_path)
 	return asprintf(&path, "%.*s.json", (int)length, model_path) < 0 ? NULL : path;
 }
 
-/* `card` receives NULL when there is none. */
-static enum dio_status read_card(const char *model_path, cJSON **card, struct dio_error *error)
+/* `json` receives NULL when there is none. */
+static enum dio_status read_json(const char *model_path, cJSON **json, struct dio_error *error)
 {
 	char *path = card_path(model_path), *text = NULL;
 	enum dio_status status = DIO_OK;
 	size_t size;
 
-	*card = NULL;
+	*json = NULL;
 	if (!path)
 		return dio_fail(error, DIO_NO_MEM, "%s: no memory", model_path);
 	if (dio_path_is_file(path)) {
 		status = dio_text_read(path, CARD_BYTES_MAX, &text, &size, error);
 		if (status == DIO_OK)
-			*card = cJSON_ParseWithLength(text, size);
-		if (status == DIO_OK && !cJSON_IsObject(*card)) {
-			cJSON_Delete(*card);
-			*card = NULL;
+			*json = cJSON_ParseWithLength(text, size);
+		if (status == DIO_OK && !cJSON_IsObject(*json)) {
+			cJSON_Delete(*json);
+			*json = NULL;
 			status = dio_fail(error, DIO_BAD_FILE, "%s: is not a JSON object", path);
 		}
 	}
@@ -54,26 +54,37 @@ static enum dio_status read_card(const char *model_path, cJSON **card, struct di
 	return status;
 }
 
-enum dio_status dio_model_read_tokens_per_view(const char *model_path, uint32_t *tokens,
-					       struct dio_error *error)
+static enum dio_status parse_card(const cJSON *json, const char *model_path,
+				  struct dio_model_card *card, struct dio_error *error)
 {
-	cJSON *card;
-	const cJSON *item;
-	enum dio_status status = read_card(model_path, &card, error);
+	const cJSON *tokens = cJSON_GetObjectItemCaseSensitive(json, "tokens_per_view");
+	const cJSON *deblock = cJSON_GetObjectItemCaseSensitive(json, "deblock");
 
-	if (status != DIO_OK)
-		return status;
-	item = cJSON_GetObjectItemCaseSensitive(card, "tokens_per_view");
-	if (!item)
-		*tokens = 0;
-	else if (cJSON_IsNumber(item) && item->valuedouble >= 1 && item->valuedouble <= TOKENS_MAX)
-		*tokens = (uint32_t)item->valuedouble;
-	else
-		status =
-			dio_fail(error, DIO_BAD_FILE,
-				 "the card of %s: \"tokens_per_view\" is not a number from 1 to %d",
-				 model_path, TOKENS_MAX);
-	cJSON_Delete(card);
+	if (tokens && !(cJSON_IsNumber(tokens) && tokens->valuedouble >= 1 &&
+			tokens->valuedouble <= TOKENS_MAX))
+		return dio_fail(error, DIO_BAD_FILE,
+				"the card of %s: \"tokens_per_view\" is not a number from 1 to %d",
+				model_path, TOKENS_MAX);
+	if (deblock && !cJSON_IsBool(deblock))
+		return dio_fail(error, DIO_BAD_FILE,
+				"the card of %s: \"deblock\" is neither true nor false",
+				model_path);
+	*card = (struct dio_model_card){
+		.tokens_per_view = tokens ? (uint32_t)tokens->valuedouble : 0,
+		.deblock = cJSON_IsTrue(deblock),
+	};
+	return DIO_OK;
+}
+
+enum dio_status dio_model_read_card(const char *model_path, struct dio_model_card *card,
+				    struct dio_error *error)
+{
+	cJSON *json;
+	enum dio_status status = read_json(model_path, &json, error);
+
+	if (status == DIO_OK)
+		status = parse_card(json, model_path, card, error);
+	cJSON_Delete(json);
 	return status;
 }
 
@@ -110,13 +121,13 @@ static bool is_model_name(const char *name)
 
 static bool is_default(const char *model_path)
 {
-	cJSON *card;
+	cJSON *json;
 	bool yes;
 
-	if (read_card(model_path, &card, NULL) != DIO_OK)
+	if (read_json(model_path, &json, NULL) != DIO_OK)
 		return false;
-	yes = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(card, "default"));
-	cJSON_Delete(card);
+	yes = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "default"));
+	cJSON_Delete(json);
 	return yes;
 }
 

@@ -1,7 +1,8 @@
-/* Which model, and which stage patch suits it. */
+/* Which model, what its card says, and which stage patch suits it. */
 #ifndef DIO_APP_MODEL_CHOICE_H
 #define DIO_APP_MODEL_CHOICE_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "dio/status.h"
@@ -13,12 +14,18 @@
  */
 enum dio_status dio_model_find_shipped(char **path, struct dio_error *error);
 
+/** What programs need to know of weights. */
+struct dio_model_card {
+	uint32_t tokens_per_view; /* that they were trained with; 0: not stated */
+	bool deblock;             /* their pictures are the better for it */
+};
+
 /**
- * Tokens a view that the weights were trained with, from NAME.json beside NAME.safetensors
- * ({"tokens_per_view": 64}); 0 when nothing is stated.
+ * Read NAME.json beside NAME.safetensors, {"tokens_per_view": 64, "deblock": true}: what it does
+ * not state is 0 and false, as all is where there is no such file.
  */
-enum dio_status dio_model_read_tokens_per_view(const char *model_path, uint32_t *tokens,
-					       struct dio_error *error);
+enum dio_status dio_model_read_card(const char *model_path, struct dio_model_card *card,
+				    struct dio_error *error);
 
 /**
  * The stage patch for a picture: the p in 1..256 whose token count round(W/p) x round(H/p) is

@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "core/log.h"
-#include "dvsm/engine.h"
+#include "core/session.h"
 
 #define OPTIONS_MAX  40
 #define FIRST_CODE   1000 /* getopt's value of option 0; above every short option's letter */
@@ -163,6 +163,24 @@ static enum dio_options_result set_precision(const struct dio_usage *usage,
 	return wrong_value(usage, option, text, "f32, bf16 or fixed");
 }
 
+static enum dio_options_result set_deblock(const struct dio_usage *usage,
+					   const struct dio_option *option, const char *text)
+{
+	static const char *const WORDS[] = {
+		[DIO_DEBLOCK_AUTO] = "auto",
+		[DIO_DEBLOCK_ON] = "on",
+		[DIO_DEBLOCK_OFF] = "off",
+	};
+
+	for (size_t i = 0; i < sizeof WORDS / sizeof *WORDS; i++) {
+		if (strcmp(text, WORDS[i]) != 0)
+			continue;
+		*(enum dio_deblock *)option->target = (enum dio_deblock)i;
+		return DIO_OPTIONS_RUN;
+	}
+	return wrong_value(usage, option, text, "auto, on or off");
+}
+
 static enum dio_options_result set_option(const struct dio_usage *usage,
 					  const struct dio_option *option, const char *text)
 {
@@ -184,6 +202,8 @@ static enum dio_options_result set_option(const struct dio_usage *usage,
 		return set_tier(usage, option, text);
 	case DIO_OPTION_ARITHMETIC:
 		return set_precision(usage, option, text);
+	case DIO_OPTION_DEBLOCK:
+		return set_deblock(usage, option, text);
 	}
 	return DIO_OPTIONS_WRONG;
 }

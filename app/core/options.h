@@ -14,6 +14,7 @@ enum dio_option_kind {
 	DIO_OPTION_PATCH, /* "auto" (0) or 1..256 pixels; target is uint32_t * */
 	DIO_OPTION_TIER,  /* an instruction-set tier as a dvsm_cpu mask; target is uint32_t * */
 	DIO_OPTION_ARITHMETIC, /* "f32", "bf16", "fixed"; target is enum dvsm_precision * */
+	DIO_OPTION_DEBLOCK,    /* "auto", "on", "off"; target is enum dio_deblock * */
 };
 
 /**

@@ -12,7 +12,7 @@ struct dio_session {
 	struct dvsm_model *model;
 	struct dvsm_engine *engine;
 	struct dvsm_scene *scene;
-	uint32_t tokens_per_view; /* that the weights were trained with; 0: unknown */
+	struct dio_model_card card;
 	uint32_t patch_recon, patch_render;
 	dvsm_progress_fn *progress; /* NULL: a bar */
 	void *progress_context;
@@ -42,9 +42,13 @@ static enum dio_status open_engine(struct dio_session *session,
 				   const struct dio_session_options *options,
 				   struct dio_error *error)
 {
+	const bool deblock = options->deblock == DIO_DEBLOCK_AUTO
+				     ? session->card.deblock
+				     : options->deblock == DIO_DEBLOCK_ON;
 	const struct dvsm_engine_options engine = {.threads = options->threads,
 						   .cpu_mask = options->cpu_mask,
-						   .precision = options->precision};
+						   .precision = options->precision,
+						   .deblock = deblock};
 	struct dvsm_error fault = {0};
 	enum dvsm_status status = dvsm_model_open_for(session->model_path, options->precision,
 						      &session->model, &fault);
@@ -69,8 +73,7 @@ enum dio_status dio_session_open(const struct dio_session_options *options,
 	else if (!(made->model_path = strdup(options->model)))
 		status = dio_fail(error, DIO_NO_MEM, "%s: no memory", options->model);
 	if (status == DIO_OK)
-		status = dio_model_read_tokens_per_view(made->model_path, &made->tokens_per_view,
-							error);
+		status = dio_model_read_card(made->model_path, &made->card, error);
 	if (status == DIO_OK)
 		status = open_engine(made, options, error);
 	if (status == DIO_OK)
@@ -117,8 +120,8 @@ static uint32_t choose_patch(const struct dio_session *session, uint32_t wished,
 	const struct dvsm_model_config *config = dvsm_model_get_config(session->model);
 
 	return wished ? wished
-		      : dio_model_choose_patch(session->tokens_per_view, config->patch_px, width,
-					       height);
+		      : dio_model_choose_patch(session->card.tokens_per_view, config->patch_px,
+					       width, height);
 }
 
 uint32_t dio_session_get_patch_render(const struct dio_session *session,

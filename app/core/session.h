@@ -11,6 +11,9 @@
 /** Opaque, thread-bound. */
 struct dio_session;
 
+/** Whether steps between patches are evened out (engine.h); auto: as the model's card says. */
+enum dio_deblock { DIO_DEBLOCK_AUTO, DIO_DEBLOCK_ON, DIO_DEBLOCK_OFF };
+
 /** Zero-initialised: the shipped model, every core and tier, stage patches chosen. */
 struct dio_session_options {
 	const char *model; /* safetensors file, or NULL for the shipped one */
@@ -19,6 +22,7 @@ struct dio_session_options {
 	enum dvsm_precision precision;
 	uint32_t patch_recon;  /* stage patches in pixels; 0: chosen from the picture's size, */
 	uint32_t patch_render; /* see dio_model_choose_patch() */
+	enum dio_deblock deblock;
 };
 
 enum dio_status dio_session_open(const struct dio_session_options *options,

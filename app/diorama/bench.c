@@ -46,8 +46,8 @@ static void choose_patch(const struct dio_work *work, struct dio_list *patches)
 	const struct dio_camera_model *camera = &work->views.target[0].camera;
 
 	patches->count = 1;
-	patches->values[0] = dio_model_choose_patch(work->tokens_per_view, work->config.patch_px,
-						    camera->width, camera->height);
+	patches->values[0] = dio_model_choose_patch(
+		work->card.tokens_per_view, work->config.patch_px, camera->width, camera->height);
 }
 
 /* Lists that need neither model nor scene; those the user left out follow the size drawn. */

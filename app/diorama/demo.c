@@ -114,6 +114,7 @@ int dio_command_demo(int argc, char **argv)
 		 .max = 256},
 		DIO_OPTION_CPU(options.engine),
 		DIO_OPTION_PRECISION(options.engine),
+		DIO_OPTION_DEBLOCKING(options.engine),
 		{.name = "json",
 		 .kind = DIO_OPTION_FLAG,
 		 .help = "print summary.json instead of a line a stage",

@@ -42,6 +42,13 @@
 			"machine (default: f32)",                                                  \
 			&(s).precision, 0, 0, false                                                \
 	}
+#define DIO_OPTION_DEBLOCKING(s)                                                                   \
+	{                                                                                          \
+		"deblock", DIO_OPTION_DEBLOCK, "WHEN",                                             \
+			"auto, on, off: even out the steps between patches of rendered\n"          \
+			"pictures (default: auto, as NAME.json beside the model says)",            \
+			&(s).deblock, 0, 0, false                                                  \
+	}
 
 /* What `auto` does; part of a --help. */
 #define DIO_HELP_PATCH                                                                             \

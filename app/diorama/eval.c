@@ -123,6 +123,7 @@ int dio_command_eval(int argc, char **argv)
 		DIO_OPTION_THREADS(job.session),
 		DIO_OPTION_CPU(job.session),
 		DIO_OPTION_PRECISION(job.session),
+		DIO_OPTION_DEBLOCKING(job.session),
 		{"json", DIO_OPTION_FLAG, NULL, "results as JSON", &job.json, 0, 0, false},
 	};
 	const struct dio_usage usage = {

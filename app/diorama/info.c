@@ -42,16 +42,18 @@ static enum dio_status describe_model(const char *path, cJSON **about, struct di
 {
 	struct dvsm_error fault = {0};
 	struct dvsm_model *model = NULL;
-	uint32_t tokens = 0;
+	struct dio_model_card card = {0};
 	enum dio_status status =
 		dio_status_from_engine(dvsm_model_open(path, &model, &fault), &fault, error);
 
 	if (status == DIO_OK)
-		status = dio_model_read_tokens_per_view(path, &tokens, error);
+		status = dio_model_read_card(path, &card, error);
 	if (status == DIO_OK)
 		*about = describe_config(model);
-	if (status == DIO_OK && tokens)
-		cJSON_AddNumberToObject(*about, "tokens_per_view", tokens);
+	if (status == DIO_OK && card.tokens_per_view)
+		cJSON_AddNumberToObject(*about, "tokens_per_view", card.tokens_per_view);
+	if (status == DIO_OK && card.deblock)
+		cJSON_AddTrueToObject(*about, "deblock");
 	dvsm_model_close(model);
 	return status;
 }

@@ -364,8 +364,9 @@ int dio_command_render(int argc, char **argv)
 		 "MP4 film of a path",
 		 &job.out, 0, 0, true},
 		{"raw", DIO_OPTION_FLAG, NULL,
-		 "also frames.npy: float32 [n, height, width, 3], not clamped", &job.raw, 0, 0,
-		 false},
+		 "also frames.npy: float32 [n, height, width, 3], not clamped:\n"
+		 "the model's own numbers, for which --deblock auto means off",
+		 &job.raw, 0, 0, false},
 		{"frames", DIO_OPTION_COUNT, "N", "pictures of an orbit (default: 120)",
 		 &job.shots.frames, 1, 100000, false},
 		{"fps", DIO_OPTION_REAL, "F", "pictures a second of a film (default: 30)",
@@ -375,6 +376,7 @@ int dio_command_render(int argc, char **argv)
 		DIO_OPTION_THREADS(job.session),
 		DIO_OPTION_CPU(job.session),
 		DIO_OPTION_PRECISION(job.session),
+		DIO_OPTION_DEBLOCKING(job.session),
 		{"hash", DIO_OPTION_FLAG, NULL,
 		 "print the SHA-256 of the scene's cache and of each picture's bytes", &job.hash, 0,
 		 0, false},
@@ -405,6 +407,8 @@ int dio_command_render(int argc, char **argv)
 		dio_report_failure(usage.command, &error);
 		return DIO_EXIT_USAGE;
 	}
+	if (job.raw && job.session.deblock == DIO_DEBLOCK_AUTO)
+		job.session.deblock = DIO_DEBLOCK_OFF;
 	if (render(&job, &error) != DIO_OK)
 		return dio_report_failure(usage.command, &error);
 	return DIO_EXIT_OK;

@@ -180,6 +180,7 @@ int dio_command_view(int argc, char **argv)
 		DIO_OPTION_THREADS(job.session),
 		DIO_OPTION_CPU(job.session),
 		DIO_OPTION_PRECISION(job.session),
+		DIO_OPTION_DEBLOCKING(job.session),
 	};
 	const struct dio_usage usage = {
 		.command = "view",

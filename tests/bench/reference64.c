@@ -169,14 +169,14 @@ int main(int argc, char **argv)
 	struct dio_view_set set = {0};
 	struct dio_error error = {0};
 	char *shipped = NULL;
-	uint32_t tokens;
+	struct dio_model_card card = {0};
 
 	if (!job.model)
 		must(dio_model_find_shipped(&shipped, &error), &error);
 
 	const char *path = job.model ? job.model : shipped;
 
-	must(dio_model_read_tokens_per_view(path, &tokens, &error), &error);
+	must(dio_model_read_card(path, &card, &error), &error);
 	must(dio_scene_file_read(job.scene, &file, &error), &error);
 	must(dio_view_set_load(&file, DIO_LOAD_CONTEXT, &set, &error), &error);
 	if (set.target_count == 0)
@@ -190,11 +190,11 @@ int main(int argc, char **argv)
 	struct dvsm_view *views = make_views(&set);
 	struct support_reference_scene *scene = support_reference_reconstruct(
 		reference, views, set.context_count,
-		choose_patch(job.patch_recon, tokens,
+		choose_patch(job.patch_recon, card.tokens_per_view,
 			     support_reference_get_config(reference)->patch_px,
 			     &set.context[0].camera));
 
-	write_targets(&job, &set, tokens, reference, scene);
+	write_targets(&job, &set, card.tokens_per_view, reference, scene);
 	support_reference_scene_free(scene);
 	support_reference_close(reference);
 	for (uint32_t i = 0; i < set.context_count; i++) {

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "core/options.h"
-#include "dvsm/engine.h"
+#include "core/session.h"
 
 struct values {
 	bool flag;
@@ -13,6 +13,7 @@ struct values {
 	uint32_t count, patch, tier;
 	double real;
 	enum dvsm_precision precision;
+	enum dio_deblock deblock;
 };
 
 static enum dio_options_result parse(struct values *values, int argc, const char **argv,
@@ -26,6 +27,8 @@ static enum dio_options_result parse(struct values *values, int argc, const char
 		{"patch", DIO_OPTION_PATCH, "P", "a patch", &values->patch, 0, 0, false},
 		{"tier", DIO_OPTION_TIER, "T", "a tier", &values->tier, 0, 0, false},
 		{"precision", DIO_OPTION_ARITHMETIC, "P", "arithmetic", &values->precision, 0, 0,
+		 false},
+		{"deblock", DIO_OPTION_DEBLOCK, "WHEN", "deblocking", &values->deblock, 0, 0,
 		 false},
 	};
 	const struct dio_usage usage = {
@@ -54,7 +57,7 @@ static void values_land_in_their_targets(void **state)
 	(void)state;
 	assert_int_equal(PARSE("in.json", "--text", "t", "--count=7", "--flag", "--real", "-0.5",
 			       "--patch", "auto", "--tier", "scalar", "--precision", "fixed",
-			       "more"),
+			       "--deblock", "off", "more"),
 			 DIO_OPTIONS_RUN);
 	assert_true(values.flag);
 	assert_string_equal(values.text, "t");
@@ -63,6 +66,7 @@ static void values_land_in_their_targets(void **state)
 	assert_int_equal(values.patch, 0);
 	assert_int_equal(values.tier, DVSM_CPU_SCALAR);
 	assert_int_equal(values.precision, DVSM_PRECISION_FIXED);
+	assert_int_equal(values.deblock, DIO_DEBLOCK_OFF);
 	assert_int_equal(count, 2);
 	assert_string_equal(arguments[0], "in.json");
 	assert_string_equal(arguments[1], "more");
@@ -100,6 +104,7 @@ static void wrong_values_are_refused(void **state)
 	assert_int_equal(PARSE("x", "--text", "t", "--patch", "0"), DIO_OPTIONS_WRONG);
 	assert_int_equal(PARSE("x", "--text", "t", "--tier", "sse9"), DIO_OPTIONS_WRONG);
 	assert_int_equal(PARSE("x", "--text", "t", "--precision", "f16"), DIO_OPTIONS_WRONG);
+	assert_int_equal(PARSE("x", "--text", "t", "--deblock", "yes"), DIO_OPTIONS_WRONG);
 	assert_int_equal(PARSE("x", "--text", ""), DIO_OPTIONS_WRONG);
 	assert_int_equal(PARSE("x", "--flag=1", "--text", "t"), DIO_OPTIONS_WRONG);
 	assert_int_equal(PARSE("x", "--nothing", "--text", "t"), DIO_OPTIONS_WRONG);

@@ -126,6 +126,56 @@ static void expect_same_file(const char *a, const char *b)
 	free(y);
 }
 
+/* Pictures of the tiny case by a model whose card asks for deblocking. */
+static void render_tiny(const char *out, const char *scene, const char *deblock, bool raw)
+{
+	fixture_diorama(&run, "render", "--model", fixture_path("seamed.safetensors"), "--scene",
+			scene, "--out", fixture_path(out), "--deblock", deblock,
+			raw ? "--raw" : NULL, NULL);
+	expect_success();
+}
+
+static bool same_pictures(const char *a, const char *b)
+{
+	char first[96], second[96];
+	struct dio_picture x = {0}, y = {0};
+	bool same;
+
+	snprintf(first, sizeof first, "%s/%s", a, "target_000.png");
+	snprintf(second, sizeof second, "%s/%s", b, "target_000.png");
+	assert_int_equal(dio_picture_read(fixture_path(first), &x, NULL), DIO_OK);
+	assert_int_equal(dio_picture_read(fixture_path(second), &y, NULL), DIO_OK);
+	assert_int_equal(x.width, y.width);
+	assert_int_equal(x.height, y.height);
+	same = memcmp(x.rgb, y.rgb, (size_t)x.width * x.height * 3) == 0;
+	dio_picture_deinit(&x);
+	dio_picture_deinit(&y);
+	return same;
+}
+
+static void a_model_s_card_asks_for_deblocking_but_not_of_raw_numbers(void **state)
+{
+	char model[FIXTURE_PATH_SIZE], scene[FIXTURE_PATH_SIZE];
+
+	(void)state;
+	if (!find_tiny(model, scene))
+		skip();
+	fixture_write("seamed.json", "{\"deblock\": true}");
+	fixture_program(&run, "cp", model, fixture_path("seamed.safetensors"), NULL);
+	render_tiny("seams/auto", scene, "auto", false);
+	render_tiny("seams/on", scene, "on", false);
+	render_tiny("seams/off", scene, "off", false);
+	render_tiny("seams/raw", scene, "auto", true);
+	render_tiny("seams/raw_on", scene, "on", true);
+	assert_true(same_pictures("seams/auto", "seams/on"));
+	assert_false(same_pictures("seams/on", "seams/off"));
+	assert_true(same_pictures("seams/raw", "seams/off"));
+	assert_true(same_pictures("seams/raw_on", "seams/on"));
+	fixture_write("seamed.json", "{}");
+	render_tiny("seams/auto", scene, "auto", false);
+	assert_true(same_pictures("seams/auto", "seams/off"));
+}
+
 static void a_scene_cache_renders_the_same_bytes_on_any_number_of_threads(void **state)
 {
 	char model[FIXTURE_PATH_SIZE], scene[FIXTURE_PATH_SIZE];
@@ -277,6 +327,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(raw_frames_are_the_oracle_s_numbers),
+		cmocka_unit_test(a_model_s_card_asks_for_deblocking_but_not_of_raw_numbers),
 		cmocka_unit_test(a_scene_cache_renders_the_same_bytes_on_any_number_of_threads),
 		cmocka_unit_test(a_cache_of_another_model_is_refused),
 		cmocka_unit_test(a_path_becomes_a_film_of_its_name),

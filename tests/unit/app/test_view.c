@@ -97,30 +97,35 @@ static void the_patch_follows_the_tokens_of_the_training(void **state)
 	assert_int_equal(dio_model_choose_patch(0, 16, 1920, 1080), 16);
 }
 
-static void a_card_states_the_tokens_and_a_bad_one_is_refused(void **state)
+static enum dio_status read_card(const char *text, struct dio_model_card *card,
+				 struct dio_error *error)
 {
+	if (text)
+		fixture_write("m.json", text);
+	return dio_model_read_card(fixture_path("m.safetensors"), card, error);
+}
+
+static void a_card_states_what_weights_need_and_a_bad_one_is_refused(void **state)
+{
+	struct dio_model_card card = {.tokens_per_view = 7, .deblock = true};
 	struct dio_error error = {0};
-	uint32_t tokens = 7;
 
 	(void)state;
-	assert_int_equal(
-		dio_model_read_tokens_per_view(fixture_path("m.safetensors"), &tokens, &error),
-		DIO_OK);
-	assert_int_equal(tokens, 0);
-	fixture_write("m.json", "{\"tokens_per_view\": 256}");
-	assert_int_equal(
-		dio_model_read_tokens_per_view(fixture_path("m.safetensors"), &tokens, &error),
-		DIO_OK);
-	assert_int_equal(tokens, 256);
-	fixture_write("m.json", "{\"tokens_per_view\": \"many\"}");
-	assert_int_equal(
-		dio_model_read_tokens_per_view(fixture_path("m.safetensors"), &tokens, &error),
-		DIO_BAD_FILE);
-	fixture_write("m.json", "[");
-	assert_int_equal(
-		dio_model_read_tokens_per_view(fixture_path("m.safetensors"), &tokens, &error),
-		DIO_BAD_FILE);
+	assert_int_equal(read_card(NULL, &card, &error), DIO_OK);
+	assert_int_equal(card.tokens_per_view, 0);
+	assert_false(card.deblock);
+	assert_int_equal(read_card("{\"tokens_per_view\": 256}", &card, &error), DIO_OK);
+	assert_int_equal(card.tokens_per_view, 256);
+	assert_false(card.deblock);
+	assert_int_equal(read_card("{\"deblock\": true}", &card, &error), DIO_OK);
+	assert_int_equal(card.tokens_per_view, 0);
+	assert_true(card.deblock);
+	assert_int_equal(read_card("{\"deblock\": \"yes\"}", &card, &error), DIO_BAD_FILE);
+	assert_non_null(strstr(error.text, "\"deblock\" is neither true nor false"));
+	assert_int_equal(read_card("{\"tokens_per_view\": \"many\"}", &card, &error), DIO_BAD_FILE);
+	assert_int_equal(read_card("[", &card, &error), DIO_BAD_FILE);
 	assert_non_null(strstr(error.text, "m.json"));
+	assert_true(card.deblock);
 }
 
 int main(void)
@@ -130,7 +135,7 @@ int main(void)
 		cmocka_unit_test(views_of_one_name_stay_apart),
 		cmocka_unit_test(the_nearest_view_counts_distance_and_angle),
 		cmocka_unit_test(the_patch_follows_the_tokens_of_the_training),
-		cmocka_unit_test(a_card_states_the_tokens_and_a_bad_one_is_refused),
+		cmocka_unit_test(a_card_states_what_weights_need_and_a_bad_one_is_refused),
 	};
 
 	return cmocka_run_group_tests(tests, fixture_setup, fixture_teardown);
