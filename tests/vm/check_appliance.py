@@ -90,7 +90,8 @@ def render_saved(saved, tools, patch_px):
     """What `diorama render` makes on the host of a saved scene and viewpoint, in bytes."""
     ran = subprocess.run([tools / "diorama", "render", "--scene-cache", saved / "scene.safetensors",
                           "--path", saved / "view.tum", "--out", saved / "render", "--raw",
-                          "--patch-render", str(patch_px), "--precision", "fixed"],
+                          "--deblock", "on", "--patch-render", str(patch_px),
+                          "--precision", "fixed"],
                          capture_output=True, text=True)
     expect(ran.returncode == 0, f"diorama render: {ran.stderr.strip()}")
     rendered = np.load(saved / "render" / "frames.npy")[-1]

@@ -73,6 +73,7 @@ static void write_model(void)
 	assert_int_equal(fwrite(bytes, 1, size, file), size);
 	assert_int_equal(fclose(file), 0);
 	free(bytes);
+	fixture_write("tiny.json", "{\"deblock\": true}");
 }
 
 /* One that nobody has now. */

@@ -103,7 +103,8 @@ static void compare_with_render(const char *name)
 	snprintf(out, sizeof out, "render-%s", name);
 	fixture_diorama(&run, "render", "--model", fixture_path("tiny.safetensors"),
 			"--scene-cache", fixture_path(scene), "--path", fixture_path(path), "--out",
-			fixture_path(out), "--raw", "--patch-render", "8", "--threads", "1", NULL);
+			fixture_path(out), "--raw", "--deblock", "on", "--patch-render", "8",
+			"--threads", "1", NULL);
 	if (run.code != 0)
 		fail_msg("%s", run.err);
 	snprintf(out, sizeof out, "render-%s/frames.npy", name);
