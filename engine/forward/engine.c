@@ -90,17 +90,6 @@ enum dvsm_precision dvsm_engine_get_precision(const struct dvsm_engine *engine)
 	return engine->precision;
 }
 
-const char *dvsm_precision_name(enum dvsm_precision precision)
-{
-	static const char *const names[] = {
-		[DVSM_PRECISION_F32] = "f32",
-		[DVSM_PRECISION_BF16] = "bf16",
-		[DVSM_PRECISION_FIXED] = "fixed",
-	};
-
-	return (size_t)precision < sizeof(names) / sizeof(names[0]) ? names[precision] : "unknown";
-}
-
 uint64_t dvsm_engine_now_ns(void)
 {
 	struct timespec now;

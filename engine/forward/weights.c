@@ -6,7 +6,6 @@
 
 #include "base/error.h"
 #include "base/memory.h"
-#include "dvsm/engine.h"
 #include "fixed/turn.h"
 #include "forward/arena.h"
 #include "model/reader.h"

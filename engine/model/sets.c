@@ -3,7 +3,6 @@
 #include <stdlib.h>
 
 #include "base/error.h"
-#include "dvsm/engine.h"
 
 struct dvsm_weight_sets *dvsm_weight_sets_create(void)
 {

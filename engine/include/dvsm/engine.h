@@ -45,9 +45,6 @@ DVSM_API uint32_t dvsm_cpu_detect(void);
  */
 DVSM_API const char *dvsm_cpu_name(uint32_t mask);
 
-/** "f32", "bf16", "fixed". */
-DVSM_API const char *dvsm_precision_name(enum dvsm_precision precision);
-
 /**
  * Opaque. One engine runs one call at a time (thread-bound); several engines may share a model, and
  * those of one precision share one copy of its weights.

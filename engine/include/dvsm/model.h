@@ -30,6 +30,9 @@ enum dvsm_precision {
 	DVSM_PRECISION_FIXED,   /* integers alone: the same bits on every machine */
 };
 
+/** "f32", "bf16", "fixed". */
+DVSM_API const char *dvsm_precision_name(enum dvsm_precision precision);
+
 /** What the file's `config` states; all values checked at open. */
 struct dvsm_model_config {
 	uint32_t dim;       /* D, token width */
