@@ -14,6 +14,7 @@ struct dio_session {
 	struct dvsm_scene *scene;
 	struct dio_model_card card;
 	uint32_t patch_recon, patch_render;
+	bool deblock;
 	dvsm_progress_fn *progress; /* NULL: a bar */
 	void *progress_context;
 };
@@ -42,13 +43,10 @@ static enum dio_status open_engine(struct dio_session *session,
 				   const struct dio_session_options *options,
 				   struct dio_error *error)
 {
-	const bool deblock = options->deblock == DIO_DEBLOCK_AUTO
-				     ? session->card.deblock
-				     : options->deblock == DIO_DEBLOCK_ON;
 	const struct dvsm_engine_options engine = {.threads = options->threads,
 						   .cpu_mask = options->cpu_mask,
 						   .precision = options->precision,
-						   .deblock = deblock};
+						   .deblock = session->deblock};
 	struct dvsm_error fault = {0};
 	enum dvsm_status status = dvsm_model_open_for(session->model_path, options->precision,
 						      &session->model, &fault);
@@ -74,6 +72,8 @@ enum dio_status dio_session_open(const struct dio_session_options *options,
 		status = dio_fail(error, DIO_NO_MEM, "%s: no memory", options->model);
 	if (status == DIO_OK)
 		status = dio_model_read_card(made->model_path, &made->card, error);
+	made->deblock = options->deblock == DIO_DEBLOCK_AUTO ? made->card.deblock
+							     : options->deblock == DIO_DEBLOCK_ON;
 	if (status == DIO_OK)
 		status = open_engine(made, options, error);
 	if (status == DIO_OK)
@@ -112,6 +112,11 @@ const struct dvsm_scene *dio_session_get_scene(const struct dio_session *session
 const char *dio_session_get_model_path(const struct dio_session *session)
 {
 	return session->model_path;
+}
+
+bool dio_session_get_deblock(const struct dio_session *session)
+{
+	return session->deblock;
 }
 
 static uint32_t choose_patch(const struct dio_session *session, uint32_t wished, uint32_t width,

@@ -114,6 +114,8 @@ uint32_t dio_session_get_patch_render(const struct dio_session *session,
 /** The same of a reconstruction from pictures of this size. */
 uint32_t dio_session_get_patch_recon(const struct dio_session *session,
 				     const struct dio_camera_model *camera);
+/** Whether rendered pictures are deblocked. */
+bool dio_session_get_deblock(const struct dio_session *session);
 /** Render with another stage patch from now on; 0: chosen from the picture's size. */
 void dio_session_set_patch_render(struct dio_session *session, uint32_t patch_px);
 

@@ -34,6 +34,7 @@ static enum dio_status print_json(const char *name, const struct dio_view_set *s
 	cJSON_AddNumberToObject(root, "context_views", set->context_count);
 	cJSON_AddNumberToObject(root, "patch_recon",
 				dvsm_scene_get_patch_px(dio_session_get_scene(session)));
+	cJSON_AddBoolToObject(root, "deblock", dio_session_get_deblock(session));
 	add_scores(root, evaluation->psnr_db, evaluation->ssim, evaluation->nearest_psnr_db,
 		   evaluation->nearest_ssim);
 	dio_json_add_number(root, "reconstruct_ms", (double)evaluation->reconstruct.time_ns * 1e-6,
@@ -77,10 +78,11 @@ static void print_text(const char *name, const struct dio_view_set *set,
 	       evaluation->ssim, evaluation->nearest_psnr_db, evaluation->nearest_ssim,
 	       (double)evaluation->render_ns * 1e-6);
 	printf("scene %s: %u context views reconstructed in %.1f ms (patch %u; rendering patch "
-	       "%u)\n",
+	       "%u%s)\n",
 	       name, set->context_count, (double)evaluation->reconstruct.time_ns * 1e-6,
 	       dvsm_scene_get_patch_px(dio_session_get_scene(session)),
-	       dio_session_get_patch_render(session, &set->target[last->target].camera));
+	       dio_session_get_patch_render(session, &set->target[last->target].camera),
+	       dio_session_get_deblock(session) ? ", deblocked" : "");
 }
 
 static enum dio_status evaluate(const struct eval_job *job, struct dio_error *error)
