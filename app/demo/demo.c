@@ -35,11 +35,6 @@ void dio_demo_defaults(struct dio_demo_options *options)
 	};
 }
 
-char *dio_demo_path(const struct dio_demo *demo, const char *name)
-{
-	return dio_path_join(demo->options->out, name);
-}
-
 /* Note a stage that is over and say so. */
 __attribute__((format(printf, 4, 5))) static void finish(struct dio_demo *demo, const char *name,
 							 double seconds, const char *format, ...)

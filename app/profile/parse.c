@@ -2,6 +2,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "dio/file.h"
 #include "profile/keys.h"
@@ -403,4 +404,13 @@ enum dio_status dio_profile_read(const char *path, struct dio_profile *profile,
 	free(bytes);
 	free(parsed);
 	return status;
+}
+
+enum dio_status dio_profile_load(const char *path, struct dio_profile *profile,
+				 struct dio_error *error)
+{
+	dio_profile_init(profile);
+	if (!path && access(DIO_PROFILE_BOARD, F_OK) == 0)
+		path = DIO_PROFILE_BOARD;
+	return path ? dio_profile_read(path, profile, NULL, error) : DIO_OK;
 }

@@ -1,7 +1,5 @@
 #include "profile/profile.h"
 
-#include <unistd.h>
-
 void dio_profile_init(struct dio_profile *profile)
 {
 	*profile = (struct dio_profile){
@@ -18,15 +16,6 @@ void dio_profile_init(struct dio_profile *profile)
 		.paths = {.state = "/var/lib/diorama", .runtime = "/run/diorama"},
 		.web = {.address = "127.0.0.1", .port = 8080},
 	};
-}
-
-enum dio_status dio_profile_load(const char *path, struct dio_profile *profile,
-				 struct dio_error *error)
-{
-	dio_profile_init(profile);
-	if (!path && access(DIO_PROFILE_BOARD, F_OK) == 0)
-		path = DIO_PROFILE_BOARD;
-	return path ? dio_profile_read(path, profile, NULL, error) : DIO_OK;
 }
 
 enum dio_action dio_profile_get_action(const struct dio_profile *profile,

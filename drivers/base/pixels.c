@@ -3,6 +3,23 @@
 #include <stdbool.h>
 #include <string.h>
 
+const char *dio_pixel_format_name(enum dio_pixel_format format)
+{
+	switch (format) {
+	case DIO_PIXEL_RGB24:
+		return "RGB24";
+	case DIO_PIXEL_GRAY8:
+		return "GRAY8";
+	case DIO_PIXEL_YUYV:
+		return "YUYV";
+	case DIO_PIXEL_NV12:
+		return "NV12";
+	case DIO_PIXEL_MJPEG:
+		return "MJPEG";
+	}
+	return "unknown";
+}
+
 /* BT.601 limited range times 65536: 255/219, 2 (1 - Kr) 255/224 and so on, Kr 0.299, Kb 0.114. */
 enum {
 	LUMA = 76309,
