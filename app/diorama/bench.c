@@ -207,7 +207,8 @@ int dio_command_bench(int argc, char **argv)
 			"Shares of the peak are of what this machine's multiply instructions do in "
 			"a loop that\nwaits for nothing, measured first. Errors are over all "
 			"targets, 1 = white: against\nfloat64 with --reference, against the true "
-			"pictures with a --scene that has them.",
+			"pictures with a --scene that has them. Pictures are\nthe model's own, not "
+			"deblocked.",
 		.options = options,
 		.option_count = sizeof options / sizeof *options,
 	};
