@@ -1,6 +1,6 @@
 #include "fixed/resample.h"
 
-#include <stdbool.h>
+#include "kernels/fixed_math.h"
 
 /* 2^16 (sigmoid(i / 8) - 1/2): knots of the piecewise linear function nearest in the mean square.
  */
@@ -112,12 +112,94 @@ static void mix_rows(const struct dvsm_patch_plan *plan, const int32_t *patches,
 	}
 }
 
-/* number / whole, halves up. */
-static int32_t divide(int64_t number, int64_t whole)
-{
-	int64_t twice = 2 * number + whole, quotient = twice / (2 * whole);
+/* Colours are at most this in size. */
+#define MOST ((int64_t)1 << 24)
 
-	return (int32_t)(twice < 0 && quotient * 2 * whole != twice ? quotient - 1 : quotient);
+/* What the numbers of a row are divided by; a shift or a product stands for each division. */
+struct divisor {
+	int64_t whole;    /* at most 2^36: memory holds no larger map */
+	uint64_t inverse; /* 2^62 / (2 whole), rounded down */
+	int shift;        /* whole = 2^shift, or -1 */
+};
+
+static struct divisor divisor_of(int64_t whole)
+{
+	struct divisor by = {whole, ((uint64_t)1 << 61) / (uint64_t)whole, -1};
+
+	for (int shift = 0; by.shift < 0 && shift <= 36; shift++)
+		if (whole == (int64_t)1 << shift)
+			by.shift = shift;
+	return by;
+}
+
+/*
+ * number / whole, halves up. MOST wholes more and nothing is negative, nor beyond 2^62: the product
+ * is less than 1 too small, its floor the quotient or one less.
+ */
+static int32_t divide(int64_t number, const struct divisor *by)
+{
+	if (by->shift >= 0)
+		return (int32_t)dvsm_fixed_round(number, by->shift);
+
+	const uint64_t whole = 2 * (uint64_t)by->whole;
+	const uint64_t twice = (uint64_t)(2 * (number + MOST * by->whole) + by->whole);
+	uint64_t quotient = (uint64_t)((unsigned __int128)twice * by->inverse >> 62);
+
+	if (twice - quotient * whole >= whole)
+		quotient++;
+	return (int32_t)((int64_t)quotient - MOST);
+}
+
+/* A row as wide as the map. */
+static void copy_columns(const int64_t *mixed, uint32_t width, int64_t whole, int32_t *out)
+{
+	const struct divisor by = divisor_of(whole);
+
+	for (size_t i = 0; i < 3 * (size_t)width; i++)
+		out[i] = divide(mixed[i], &by);
+}
+
+/* A wider one: bilinear_span() of each pixel, counted on from the last. */
+static void grow_columns(const int64_t *mixed, uint32_t source, uint32_t width, int64_t whole,
+			 int32_t *out)
+{
+	const int64_t step = 2 * (int64_t)width;
+	const int64_t *last = mixed + 3 * ((size_t)source - 1);
+	const struct divisor by = divisor_of(whole * step);
+	int64_t rest = (int64_t)source - width;
+
+	for (uint32_t x = 0; x < width; x++, rest += 2 * (int64_t)source, out += 3) {
+		if (rest >= step) {
+			rest -= step;
+			mixed += 3;
+		}
+		const int64_t weight = rest > 0 ? rest : 0;
+		const int64_t *next = mixed < last ? mixed + 3 : mixed;
+
+		for (int c = 0; c < 3; c++)
+			out[c] = divide((step - weight) * mixed[c] + weight * next[c], &by);
+	}
+}
+
+/* A narrower one. */
+static void shrink_columns(const int64_t *mixed, uint32_t source, uint32_t width, int64_t whole,
+			   int32_t *out)
+{
+	const struct divisor by = divisor_of(whole * source);
+
+	for (uint32_t x = 0; x < width; x++, out += 3) {
+		struct span columns = box_span(x, source, width);
+		int64_t rgb[3] = {0};
+
+		for (uint32_t i = columns.first; i <= columns.last; i++) {
+			int64_t weight = weight_of(&columns, i);
+
+			for (size_t c = 0; c < 3; c++)
+				rgb[c] += weight * mixed[3 * (size_t)i + c];
+		}
+		for (int c = 0; c < 3; c++)
+			out[c] = divide(rgb[c], &by);
+	}
 }
 
 static size_t map_numbers(const struct dvsm_patch_plan *plan)
@@ -134,18 +216,11 @@ const int32_t *dvsm_fixed_join_row(const struct dvsm_patch_plan *plan, const int
 	int32_t *out = (int32_t *)(void *)(mixed + map_numbers(plan));
 
 	mix_rows(plan, patches, &rows, mixed);
-	for (uint32_t x = 0; x < plan->width; x++) {
-		struct span columns = span_at(x, map_width, plan->width);
-		int64_t rgb[3] = {0};
-
-		for (uint32_t i = columns.first; i <= columns.last; i++) {
-			int64_t weight = weight_of(&columns, i);
-
-			for (int c = 0; c < 3; c++)
-				rgb[c] += weight * mixed[3 * (size_t)i + (size_t)c];
-		}
-		for (int c = 0; c < 3; c++)
-			out[3 * (size_t)x + (size_t)c] = divide(rgb[c], rows.whole * columns.whole);
-	}
+	if (plan->width == map_width)
+		copy_columns(mixed, map_width, rows.whole, out);
+	else if (plan->width > map_width)
+		grow_columns(mixed, map_width, plan->width, rows.whole, out);
+	else
+		shrink_columns(mixed, map_width, plan->width, rows.whole, out);
 	return out;
 }
