@@ -80,6 +80,32 @@ static void add_row(double *sum, const float *row, size_t count, double weight, 
 	}
 }
 
+/* The same as bilinear_span() gives, its place counted on from pixel to pixel. */
+static void grow_row(const double *row, uint32_t source, uint32_t target, uint32_t first,
+		     uint32_t count, double gain, double offset, float *out)
+{
+	const int64_t step = 2 * (int64_t)target;
+	const double *last = row + 3 * ((size_t)source - 1);
+	int64_t rest = (2 * (int64_t)first + 1) * source - target;
+
+	if (rest >= step) {
+		row += 3 * (rest / step);
+		rest %= step;
+	}
+	for (uint32_t x = 0; x < count; x++, rest += 2 * (int64_t)source, out += 3) {
+		if (rest >= step) {
+			rest -= step;
+			row += 3;
+		}
+		const double *next = row < last ? row + 3 : row;
+		const double weight = rest > 0 && row < last ? (double)rest / (double)step : 0;
+
+		for (int c = 0; c < 3; c++)
+			out[c] =
+				(float)(gain * ((1 - weight) * row[c] + weight * next[c]) + offset);
+	}
+}
+
 /* Target pixels first .. first + count - 1 of a row of `source` pixels, as gain * value + offset.
  */
 static void resample_row(const double *row, uint32_t source, uint32_t target, uint32_t first,
@@ -91,8 +117,12 @@ static void resample_row(const double *row, uint32_t source, uint32_t target, ui
 			out[i] = (float)(gain * from[i] + offset);
 		return;
 	}
+	if (source < target) {
+		grow_row(row, source, target, first, count, gain, offset, out);
+		return;
+	}
 	for (uint32_t x = first; x < first + count; x++, out += 3) {
-		struct span span = span_at(x, source, target);
+		struct span span = box_span(x, source, target);
 		double rgb[3] = {0};
 		for (uint32_t i = span.first; i <= span.last; i++) {
 			double weight = span_weight(&span, i);
