@@ -2,6 +2,7 @@
 
 #include <stddef.h>
 
+#include "fixed/picture.h"
 #include "geometry/pose.h"
 #include "kernels/fixed_math.h"
 

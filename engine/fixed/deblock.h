@@ -4,11 +4,10 @@
 
 #include "geometry/deblock.h"
 
-/** Colours, before and behind, are at most this in size: 128 in units of 2^-16, where float32 is as
- * exact as 32 bits. */
-#define DVSM_FIXED_COLOUR_LIMIT (1 << 23)
-
-/** As dvsm_deblock_row() and dvsm_deblock_seam(); weights in units of 2^-16, one rounding. */
+/**
+ * As dvsm_deblock_row() and dvsm_deblock_seam(), of colours within DVSM_FIXED_COLOUR_LIMIT, which
+ * they keep to; weights in units of 2^-16, one rounding.
+ */
 void dvsm_fixed_deblock_row(const struct dvsm_patch_plan *plan, int32_t *patches, uint32_t row);
 void dvsm_fixed_deblock_seam(const struct dvsm_patch_plan *plan, int32_t *patches, uint32_t row);
 

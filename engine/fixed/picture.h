@@ -8,6 +8,9 @@
 /** Fraction bits of a finished colour, 0..1 and beyond. */
 #define DVSM_FIXED_COLOUR 16
 
+/** Colours are at most this in size, 128: there float32 is as exact as 32 bits. */
+#define DVSM_FIXED_COLOUR_LIMIT (128 << DVSM_FIXED_COLOUR)
+
 /**
  * Tokens of one view: x[tokens][D] = LN(W_ray rays [+ W_rgb (2 rgb - 1)]).
  *

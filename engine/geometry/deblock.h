@@ -6,8 +6,7 @@
  * e = (q0 - p0) - ((p0 - p1) + (q1 - q0)) / 2, is spread over the r = floor(q / 2) pixels nearest
  * to the seam on both sides: the i-th from it moves towards the other side by
  * e / 2 (1 - (2 i + 1) / (2 r)). A slope stays as it is, and no pixel belongs to two seams of one
- * direction. Patches of fewer than
- * DVSM_DEBLOCK_LEAST_PX pixels are left alone.
+ * direction. Patches of fewer than DVSM_DEBLOCK_LEAST_PX pixels are left alone.
  *
  * First all rows of tokens, then all seams between them; rows, and seams, in any order.
  */

@@ -11,8 +11,7 @@
 
 struct seams {
 	uint32_t side, reach;
-	size_t run, patch,
-		below; /* numbers from one to the next: lines of a patch, patches, rows */
+	size_t run, patch, below; /* numbers of a patch's line, a patch, a row of patches */
 	WEIGHT weights[DVSM_MAX_PATCH_PX / 2];
 };
 

@@ -12,6 +12,7 @@
 
 #include "dvsm/dvsm.h"
 #include "fixed/deblock.h"
+#include "fixed/picture.h"
 #include "geometry/deblock.h"
 #include "support/random.h"
 #include "support/random_model.h"
