@@ -227,7 +227,7 @@ static void take_figures(struct dio_viewd *viewd)
 	status->track_ms = rounded((double)viewd->tracked.work_ns * 1e-6);
 }
 
-void dio_viewd_refresh(struct dio_viewd *viewd)
+void dio_viewd_publish(struct dio_viewd *viewd)
 {
 	struct dio_viewd_status *status = &viewd->status;
 

@@ -3,7 +3,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "dio/clock.h"
 #include "viewd/viewd.h"
 
 enum device { DISPLAY, BUTTONS, LEDS, PAGE };
@@ -204,12 +203,6 @@ static void open_page(struct dio_viewd *viewd)
 
 void dio_viewd_open_devices(struct dio_viewd *viewd)
 {
-	uint64_t now_ns = dio_clock_ns();
-
-	if (now_ns < viewd->devices_due_ns)
-		return;
-	viewd->devices_due_ns = now_ns + DIO_VIEWD_RETRY_NS;
-	dio_viewd_keep_bus(viewd);
 	if (!viewd->display)
 		open_display(viewd);
 	if (!viewd->buttons && viewd->profile->button_count > 0)

@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "dio/calibration.h"
 #include "viewd/jobs.h"
 
 #define SECOND_NS 1e9
@@ -162,127 +161,6 @@ void dio_viewd_open_engine(struct dio_viewd *viewd)
 		job->scene_path = dio_store_scene_path(viewd->store);
 	viewd->engine_opening = true;
 	dio_viewd_post(viewd, viewd->engine, &job->job, run_open, done_open);
-}
-
-/* Fitting the camera. */
-
-struct fit_job {
-	struct dio_job job;
-	struct dio_board board;
-	struct dio_corners *corners;
-	uint32_t count, width, height;
-	unsigned number;
-	char *path;
-	struct dio_calibration calibration;
-};
-
-static bool copy_corners(const struct dio_corners *from, struct dio_corners *to)
-{
-	*to = *from;
-	to->ids = malloc(sizeof *to->ids * (from->count + 1u));
-	to->image_px = malloc(sizeof *to->image_px * (from->count + 1u));
-	to->board_m = malloc(sizeof *to->board_m * (from->count + 1u));
-	if (!to->ids || !to->image_px || !to->board_m)
-		return false;
-	memcpy(to->ids, from->ids, sizeof *to->ids * from->count);
-	memcpy(to->image_px, from->image_px, sizeof *to->image_px * from->count);
-	memcpy(to->board_m, from->board_m, sizeof *to->board_m * from->count);
-	return true;
-}
-
-static void free_fit(struct fit_job *job)
-{
-	for (uint32_t i = 0; job->corners && i < job->count; i++) {
-		free(job->corners[i].ids);
-		free(job->corners[i].image_px);
-		free(job->corners[i].board_m);
-	}
-	free(job->corners);
-	free(job->path);
-	dio_calibration_deinit(&job->calibration);
-	free(job);
-}
-
-/* On the engine's thread, as the whole fit. */
-static bool is_fit_wanted(void *context)
-{
-	const struct fit_job *job = context;
-	struct dio_viewd *viewd = job->job.owner;
-
-	return atomic_load(&viewd->fit_number) == job->number;
-}
-
-static enum dio_status run_fit(struct dio_job *base, struct dio_error *error)
-{
-	struct fit_job *job = (struct fit_job *)base;
-	struct dio_calibration_options options;
-	enum dio_status status;
-
-	dio_calibration_defaults(&options);
-	options.keep_going = is_fit_wanted;
-	options.context = job;
-	/* One that is cancelled leaves the file of the last as it is. */
-	status = dio_calibrate(&job->board, job->corners, job->count, job->width, job->height,
-			       &options, &job->calibration, error);
-	if (status == DIO_OK)
-		status = dio_camera_model_write(job->path, DIO_CAMERA_FILE_OPENCV,
-						&job->calibration.model, &job->calibration, error);
-	return status;
-}
-
-static void done_fit(struct dio_job *base)
-{
-	struct fit_job *job = (struct fit_job *)base;
-	struct dio_viewd *viewd = job->job.owner;
-	const struct dio_calibration *fit = &job->calibration;
-	enum dio_status status = job->job.status;
-
-	/* Cancelled, or begun anew, meanwhile. */
-	if (viewd->quitting || job->number != viewd->fit_number ||
-	    viewd->machine.state != DIO_VIEWD_CALIBRATE) {
-		free_fit(job);
-		return;
-	}
-	if (status == DIO_OK)
-		status = dio_viewd_set_camera(viewd, &fit->model, fit->layout, &job->job.error);
-	if (status == DIO_OK) {
-		dio_viewd_tell(viewd, DIO_VIEWD_FITTED);
-		dio_viewd_say(viewd, false, "calibrated from %u views: error %.2f px",
-			      fit->views_used, fit->rms_px);
-	} else {
-		dio_viewd_tell(viewd, DIO_VIEWD_FIT_REFUSED);
-		dio_viewd_say(viewd, true, "%s", job->job.error.text);
-	}
-	dio_viewd_refresh(viewd);
-	free_fit(job);
-}
-
-void dio_viewd_fit(struct dio_viewd *viewd)
-{
-	const struct dio_board_views *views = &viewd->gathered;
-	struct fit_job *job = dio_viewd_allocate_job(viewd, sizeof *job);
-	bool whole = job != NULL;
-
-	if (!job)
-		return;
-	job->board = views->board;
-	job->width = views->width;
-	job->height = views->height;
-	job->number = viewd->fit_number;
-	job->path = strdup(viewd->camera_file);
-	job->corners = calloc(views->count + 1u, sizeof *job->corners);
-	whole = job->path && job->corners;
-	for (uint32_t i = 0; whole && i < views->count; i++) {
-		whole = copy_corners(&views->corners[i], &job->corners[i]);
-		job->count = i + 1;
-	}
-	if (!whole) {
-		dio_viewd_say(viewd, true, "out of memory");
-		free_fit(job);
-		return;
-	}
-	dio_viewd_say(viewd, false, "fitting the camera to %u views", views->count);
-	dio_viewd_post(viewd, viewd->engine, &job->job, run_fit, done_fit);
 }
 
 uint64_t dio_viewd_scene_bytes(const struct dio_viewd *viewd)

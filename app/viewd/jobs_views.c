@@ -23,7 +23,6 @@ static void fail_store(struct dio_viewd *viewd, const struct dio_error *why)
 		return;
 	dio_viewd_tell(viewd, DIO_VIEWD_STORE_FAILED);
 	dio_viewd_say(viewd, true, "%s", why->text);
-	dio_viewd_refresh(viewd);
 }
 
 static enum dio_status run_begin(struct dio_job *base, struct dio_error *error)
@@ -236,7 +235,6 @@ static void finish_reconstruct(struct reconstruct_job *job)
 		dio_viewd_tell(viewd, DIO_VIEWD_ENGINE_FAILED);
 		dio_viewd_say(viewd, true, "reconstruction failed: %s", job->job.error.text);
 	}
-	dio_viewd_refresh(viewd);
 }
 
 static void done_reconstruct(struct dio_job *base)

@@ -1,86 +1,10 @@
 /* What is made of the tracker's results: views of the board, keyframes, the tracked viewpoint. */
-#include <inttypes.h>
-#include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "core/path.h"
-#include "core/scene_file.h"
 #include "dio/clock.h"
 #include "viewd/viewd.h"
 
-/* When there are views of the board enough for a fit, and how many more after one that failed. A
- * board that never comes into some corner is not waited for without end. */
-#define FIT_VIEWS    20u
-#define FIT_ANYWAY   40u
-#define FIT_MORE     6u
-#define FIT_COVERAGE 0.7
-
 #define WALK_MAX 36000u /* poses: twenty minutes at 30 a second */
-
-enum dio_status dio_viewd_set_camera(struct dio_viewd *viewd, const struct dio_camera_model *camera,
-				     enum dio_board_layout layout, struct dio_error *error)
-{
-	const struct dio_profile_engine *engine = &viewd->profile->engine;
-	struct dio_undistorter *undistorter = NULL;
-	struct dio_camera_model pinhole = {0};
-	enum dio_status status = DIO_OK;
-
-	/* The tracker makes its own; this one tells the engine's camera. */
-	if (camera)
-		status = dio_undistorter_create(camera, engine->render_width, engine->render_height,
-						&pinhole, &undistorter, error);
-	dio_undistorter_destroy(undistorter);
-	if (status != DIO_OK)
-		return status;
-	viewd->calibrated = camera != NULL;
-	if (camera)
-		viewd->camera = *camera;
-	viewd->pinhole = pinhole;
-	/* Views of another camera are not mixed with those to come. */
-	if (viewd->store && viewd->views > 0)
-		viewd->views_closed = true;
-	dio_tracker_set_camera(viewd->tracker, camera, engine->render_width, engine->render_height,
-			       layout);
-	return DIO_OK;
-}
-
-void dio_viewd_begin_gather(struct dio_viewd *viewd)
-{
-	dio_board_views_deinit(&viewd->gathered);
-	viewd->gathered.board = viewd->board;
-	viewd->fit_views_due = FIT_VIEWS;
-	atomic_fetch_add(&viewd->fit_number, 1);
-}
-
-/* Offer the corners of a frame to the calibration. */
-static void gather(struct dio_viewd *viewd)
-{
-	struct dio_board_views *views = &viewd->gathered;
-	struct dio_tracked *tracked = &viewd->tracked;
-	struct dio_error why = {""};
-	enum dio_board_offer offer;
-	char name[32];
-
-	if (views->width != tracked->picture.width || views->height != tracked->picture.height) {
-		dio_viewd_begin_gather(viewd);
-		views->width = tracked->picture.width;
-		views->height = tracked->picture.height;
-	}
-	snprintf(name, sizeof name, "frame %" PRIu64, tracked->index);
-	if (tracked->corners.count > 0)
-		views->board.layout = tracked->corners.layout;
-	if (dio_board_views_offer(views, name, &tracked->corners, &offer, &why) != DIO_OK) {
-		dio_viewd_say(viewd, true, "%s", why.text);
-		return;
-	}
-	if (views->count >= viewd->fit_views_due &&
-	    (views->coverage >= FIT_COVERAGE || views->count >= FIT_ANYWAY)) {
-		viewd->fit_views_due = views->count + FIT_MORE;
-		dio_viewd_tell(viewd, DIO_VIEWD_GATHERED);
-	}
-}
 
 /* Note where the camera went; a walk too long keeps every second pose. */
 static void note_walk(struct dio_viewd *viewd)
@@ -148,7 +72,7 @@ void dio_viewd_look(struct dio_viewd *viewd)
 	if (!tracked->fresh)
 		return;
 	if (viewd->machine.state == DIO_VIEWD_CALIBRATE && tracked->task == DIO_TRACKER_FIND)
-		gather(viewd);
+		dio_viewd_gather(viewd);
 	else if (viewd->machine.state == DIO_VIEWD_CAPTURE && tracked->task == DIO_TRACKER_CAPTURE)
 		choose(viewd);
 	else if (viewd->machine.state == DIO_VIEWD_VIEW && tracked->pose_known)

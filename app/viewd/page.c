@@ -11,14 +11,6 @@
 #include "dio/clock.h"
 #include "viewd/jobs.h"
 
-/* Who has not asked for so long has gone. */
-#define WATCHED_NS UINT64_C(3000000000)
-
-bool dio_viewd_page_is_watched(const struct dio_viewd *viewd)
-{
-	return viewd->page.asked_ns != 0 && dio_clock_ns() < viewd->page.asked_ns + WATCHED_NS;
-}
-
 static void add_capture(cJSON *root, const struct dio_viewd *viewd)
 {
 	cJSON *skipped = cJSON_AddObjectToObject(root, "skipped");
@@ -40,7 +32,7 @@ static char *describe(void *context)
 	cJSON *root = cJSON_CreateObject();
 	char *printed, *text;
 
-	dio_json_add_text(root, "state", status->state);
+	dio_json_add_text(root, "state", dio_viewd_state_name(viewd->machine.state));
 	dio_json_add_text(root, "message", status->message);
 	cJSON_AddBoolToObject(root, "alarm", status->alarm);
 	dio_json_add_text(root, "camera", status->camera);

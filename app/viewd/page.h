@@ -38,7 +38,4 @@ void dio_viewd_page_close(struct dio_viewd *viewd);
 /** For connections that time out; a few times a second. */
 void dio_viewd_page_tick(struct dio_viewd *viewd);
 
-/** Does somebody look at the page? */
-bool dio_viewd_page_is_watched(const struct dio_viewd *viewd);
-
 #endif

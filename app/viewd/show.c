@@ -44,7 +44,7 @@ static void describe(const struct dio_viewd *viewd, struct dio_overlay *overlay)
 	enum dio_viewd_state state = viewd->machine.state;
 
 	*overlay = (struct dio_overlay){.progress = -1, .alarm = status->alarm};
-	snprintf(overlay->state, sizeof overlay->state, "%s", status->state);
+	snprintf(overlay->state, sizeof overlay->state, "%s", dio_viewd_state_name(state));
 	snprintf(overlay->message, sizeof overlay->message, "%.150s", status->message);
 	snprintf(overlay->figures, sizeof overlay->figures, "%.0f fps  %.0f ms (p99 %.0f)",
 		 status->fps, status->latency_ms, status->latency_p99_ms);

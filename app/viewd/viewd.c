@@ -1,202 +1,45 @@
 #include "viewd/viewd.h"
 
-#include <stdarg.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "core/log.h"
 #include "core/path.h"
 #include "dio/calibration.h"
 #include "dio/clock.h"
 
-#define TICK_US UINT64_C(250000) /* figures, devices that come back, LEDs */
-
-void dio_viewd_say(struct dio_viewd *viewd, bool alarm, const char *format, ...)
-{
-	char text[sizeof viewd->status.message] = ""; /* compared to its end */
-	va_list arguments;
-
-	va_start(arguments, format);
-	vsnprintf(text, sizeof text, format, arguments);
-	va_end(arguments);
-	if (strcmp(text, viewd->status.message) == 0 && viewd->status.alarm == alarm)
-		return;
-	memcpy(viewd->status.message, text, sizeof text);
-	viewd->status.alarm = alarm;
-	if (!*text)
-		return;
-	if (alarm)
-		dio_log_error("%s", text);
-	else
-		dio_log_note("%s", text);
-}
-
-static bool has_space(const struct dio_viewd *viewd, uint64_t bytes)
-{
-	struct dio_error ignored;
-
-	return dio_store_check_space(viewd->store, bytes, &ignored) == DIO_OK;
-}
-
-static struct dio_viewd_facts gather_facts(const struct dio_viewd *viewd)
-{
-	const struct dio_profile *profile = viewd->profile;
-	uint64_t picture =
-		(uint64_t)profile->engine.render_width * profile->engine.render_height * 4;
-
-	return (struct dio_viewd_facts){
-		.board_known = viewd->has_board,
-		.calibrated = viewd->calibrated,
-		.engine_opening = viewd->engine_opening,
-		.engine_ready = viewd->engine_ready,
-		.camera_streaming = viewd->tracked.camera == DIO_CAPTURE_STREAMING,
-		.pose_known = viewd->tracked.undistorted_known,
-		.scene_there = viewd->scene_there,
-		.views_closed = viewd->views_closed,
-		.reconstruct_due = viewd->due_at_start,
-		.space_for_views = has_space(viewd, picture * profile->capture.views_max),
-		.space_for_scene = has_space(viewd, dio_viewd_scene_bytes(viewd)),
-		.gathered = viewd->gathered.count,
-		.views = viewd->views,
-		.views_min = profile->capture.views_min,
-	};
-}
-
-/* What a state looks for in the camera's pictures. */
-static void set_task(struct dio_viewd *viewd)
-{
-	static const enum dio_tracker_task TASKS[DIO_VIEWD_STATE_COUNT] = {
-		[DIO_VIEWD_IDLE] = DIO_TRACKER_LOOK,
-		[DIO_VIEWD_CALIBRATE] = DIO_TRACKER_FIND,
-		[DIO_VIEWD_CAPTURE] = DIO_TRACKER_CAPTURE,
-		[DIO_VIEWD_RECONSTRUCT] = DIO_TRACKER_LOOK,
-		[DIO_VIEWD_VIEW] = DIO_TRACKER_TRACK,
-		[DIO_VIEWD_PLAY] = DIO_TRACKER_LOOK,
-	};
-
-	dio_tracker_set_task(viewd->tracker, TASKS[viewd->machine.state]);
-}
-
-/* A word on what to do next. */
-static void greet(struct dio_viewd *viewd)
-{
-	switch (viewd->machine.state) {
-	case DIO_VIEWD_IDLE:
-		dio_viewd_say(viewd, false, "%s",
-			      viewd->calibrated ? "ready" : "ready; the camera is not calibrated");
-		break;
-	case DIO_VIEWD_CALIBRATE:
-		dio_viewd_say(viewd, false,
-			      "calibrating: show the board near, far, tilted, into the corners");
-		break;
-	case DIO_VIEWD_CAPTURE:
-		dio_viewd_say(viewd, false, "capturing: walk the camera round the scene");
-		break;
-	case DIO_VIEWD_RECONSTRUCT:
-		dio_viewd_say(viewd, false, "reconstructing from %u views", viewd->views);
-		break;
-	case DIO_VIEWD_VIEW:
-		dio_viewd_say(viewd, false, "viewing");
-		break;
-	case DIO_VIEWD_PLAY:
-		dio_viewd_say(viewd, false, "playing");
-		break;
-	case DIO_VIEWD_STATE_COUNT:
-		break;
-	}
-}
-
-static void enter_state(struct dio_viewd *viewd, bool says)
-{
-	dio_figures_clear(&viewd->figures);
-	set_task(viewd);
-	if (viewd->machine.state != DIO_VIEWD_CALIBRATE)
-		atomic_fetch_add(&viewd->fit_number, 1); /* cancelled, if one is under way */
-	dio_viewpoint_play(&viewd->viewpoint, viewd->machine.state == DIO_VIEWD_PLAY,
-			   dio_clock_ns());
-	viewd->rendered_taken_ns = 0;
-	viewd->take_now = false;
-	if (says)
-		greet(viewd);
-}
-
-static void carry_out(struct dio_viewd *viewd, uint32_t orders)
-{
-	if (orders & DIO_VIEWD_CANCEL_ENGINE)
-		atomic_store(&viewd->cancel, true);
-	if (orders & DIO_VIEWD_BEGIN_GATHER)
-		dio_viewd_begin_gather(viewd);
-	if (orders & DIO_VIEWD_FIT)
-		dio_viewd_fit(viewd);
-	if (orders & DIO_VIEWD_BEGIN_VIEWS)
-		dio_viewd_begin_views(viewd);
-	if (orders & DIO_VIEWD_TAKE_VIEW)
-		viewd->take_now = true;
-	if (orders & DIO_VIEWD_RECONSTRUCT_NOW)
-		dio_viewd_reconstruct(viewd);
-	if (orders & DIO_VIEWD_QUIT) {
-		viewd->quitting = true;
-		sd_event_exit(viewd->loop, 0);
-	}
-}
-
-static enum dio_status step(struct dio_viewd *viewd, const struct dio_viewd_event *event,
-			    uint32_t *orders, struct dio_error *error)
-{
-	const struct dio_viewd_facts facts = gather_facts(viewd);
-	enum dio_viewd_state before = viewd->machine.state;
-	enum dio_status status =
-		dio_viewd_machine_step(&viewd->machine, event, &facts, orders, error);
-
-	/* News that change the state bring their own message. */
-	if (viewd->machine.state != before)
-		enter_state(viewd, event->kind == DIO_VIEWD_ASKED ||
-					   event->kind == DIO_VIEWD_STARTED ||
-					   event->kind == DIO_VIEWD_VIEWS_FULL);
-	carry_out(viewd, *orders);
-	dio_viewd_set_leds(viewd);
-	dio_viewd_refresh(viewd);
-	return status;
-}
-
-enum dio_status dio_viewd_ask(struct dio_viewd *viewd, enum dio_action action,
-			      struct dio_error *error)
-{
-	const struct dio_viewd_event event = {.kind = DIO_VIEWD_ASKED, .action = action};
-	struct dio_error why = {""};
-	uint32_t orders = 0;
-	enum dio_status status = step(viewd, &event, &orders, &why);
-
-	if (status != DIO_OK) {
-		dio_viewd_say(viewd, true, "%s", why.text);
-		dio_viewd_refresh(viewd);
-		return dio_fail(error, status, "%s", why.text);
-	}
-	if (orders & DIO_VIEWD_QUIT)
-		viewd->power_off = true;
-	return DIO_OK;
-}
-
-void dio_viewd_tell(struct dio_viewd *viewd, enum dio_viewd_event_kind kind)
-{
-	const struct dio_viewd_event event = {.kind = kind};
-	struct dio_error ignored;
-	uint32_t orders = 0;
-
-	step(viewd, &event, &orders, &ignored);
-}
+#define TICK_US  UINT64_C(250000)     /* figures, what nothing else calls for */
+#define RETRY_NS UINT64_C(2000000000) /* devices that come back */
 
 static int on_tick(sd_event_source *source, uint64_t now_us, void *context)
 {
 	struct dio_viewd *viewd = context;
+	uint64_t now_ns = dio_clock_ns();
 
-	dio_viewd_open_devices(viewd);
+	if (now_ns >= viewd->devices_due_ns) {
+		viewd->devices_due_ns = now_ns + RETRY_NS;
+		dio_viewd_keep_bus(viewd);
+		dio_viewd_open_devices(viewd);
+	}
 	dio_viewd_page_tick(viewd);
 	dio_viewd_show_tick(viewd);
-	dio_viewd_refresh(viewd);
+	viewd->news = true;
 	sd_event_source_set_time(source, now_us + TICK_US);
 	return sd_event_source_set_enabled(source, SD_EVENT_ONESHOT);
+}
+
+/* After whatever happened on the loop, before anything else does: who asks next is told the new
+ * state. */
+static int on_happened(sd_event_source *source, void *context)
+{
+	struct dio_viewd *viewd = context;
+
+	(void)source;
+	if (!viewd->news)
+		return 0;
+	viewd->news = false;
+	dio_viewd_set_leds(viewd);
+	dio_viewd_publish(viewd);
+	return 0;
 }
 
 static int on_tracker(sd_event_source *source, int fd, uint32_t events, void *context)
@@ -221,6 +64,7 @@ static int on_worker(sd_event_source *source, int fd, uint32_t events, void *con
 static enum dio_status watch(struct dio_viewd *viewd, struct dio_error *error)
 {
 	struct dio_worker *const workers[] = {viewd->engine, viewd->files, viewd->screen};
+	sd_event_source *happened = NULL;
 	int result = sd_event_add_io(viewd->loop, NULL, dio_tracker_get_fd(viewd->tracker), EPOLLIN,
 				     on_tracker, viewd);
 
@@ -230,6 +74,13 @@ static enum dio_status watch(struct dio_viewd *viewd, struct dio_error *error)
 	if (result >= 0)
 		result = sd_event_add_time_relative(viewd->loop, NULL, CLOCK_MONOTONIC, 0, 1000,
 						    on_tick, viewd);
+	if (result >= 0)
+		result = sd_event_add_post(viewd->loop, &happened, on_happened, viewd);
+	if (result >= 0)
+		result = sd_event_source_set_priority(happened, SD_EVENT_PRIORITY_IMPORTANT);
+	if (result >= 0)
+		result = sd_event_source_set_floating(happened, true);
+	sd_event_source_unref(happened);
 	if (result < 0)
 		return dio_fail(error, DIO_IO, "event loop: %s", strerror(-result));
 	return DIO_OK;
@@ -307,7 +158,12 @@ enum dio_status dio_viewd_open(const struct dio_viewd_options *options, sd_event
 	const struct dio_profile *profile = options->profile;
 	enum dio_status status = DIO_OK;
 
-	*viewd = (struct dio_viewd){.profile = profile, .loop = loop, .bus_address = options->bus};
+	*viewd = (struct dio_viewd){
+		.profile = profile,
+		.loop = loop,
+		.bus_address = options->bus,
+		.on_event = dio_viewd_take_event,
+	};
 	viewd->tracked.camera = DIO_CAPTURE_ABSENT;
 	viewd->has_board = *profile->capture.board != '\0';
 	if (viewd->has_board)
@@ -329,10 +185,10 @@ enum dio_status dio_viewd_open(const struct dio_viewd_options *options, sd_event
 	if (status != DIO_OK)
 		return status;
 	if (!*viewd->status.message)
-		greet(viewd);
+		dio_viewd_greet(viewd);
 	dio_viewd_open_engine(viewd);
 	dio_viewd_open_devices(viewd);
-	dio_viewd_refresh(viewd);
+	dio_viewd_publish(viewd);
 	return DIO_OK;
 }
 

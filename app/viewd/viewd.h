@@ -25,8 +25,7 @@
 #include "viewd/viewpoint.h"
 #include "viewd/worker.h"
 
-#define DIO_VIEWD_TAGS     16u
-#define DIO_VIEWD_RETRY_NS UINT64_C(2000000000)
+#define DIO_VIEWD_TAGS 16u
 
 /** A rendered picture and where it was seen from. */
 struct dio_viewd_shot {
@@ -128,51 +127,50 @@ struct dio_viewd {
 	uint64_t devices_due_ns; /* look again for those that are missing */
 
 	struct dio_viewd_machine machine;
+	void (*on_event)(struct dio_viewd *viewd, enum dio_viewd_event_kind kind);
 	struct dio_viewd_status status, said; /* now, and as the bus was told */
+	bool news; /* the bus, and the LEDs, are to be told before the loop goes on */
 };
 
-struct dio_viewd_options {
-	const struct dio_profile *profile;
-	const char *bus; /* as dio_bus_open() takes it; "none": no bus */
-};
+/*
+ * The files of the daemon, from the ground up: each calls what is declared above it. What is below
+ * hears of events by dio_viewd_tell(), and of all that changes by the loop's turn.
+ */
 
-/** Set everything up; the loop is the caller's and runs afterwards. */
-enum dio_status dio_viewd_open(const struct dio_viewd_options *options, sd_event *loop,
-			       struct dio_viewd *viewd, struct dio_error *error);
-/** Waits for the jobs that run. */
-void dio_viewd_close(struct dio_viewd *viewd);
-
-/* viewd.c: the machine, and carrying out its orders. */
-
-/** A button or a caller asks for something. Statuses as dio_viewd_machine_step(). */
-enum dio_status dio_viewd_ask(struct dio_viewd *viewd, enum dio_action action,
-			      struct dio_error *error);
-void dio_viewd_tell(struct dio_viewd *viewd, enum dio_viewd_event_kind kind);
+/* daemon.c */
 
 /** The line that overlay and bus show, also logged. */
 __attribute__((format(printf, 3, 4))) void dio_viewd_say(struct dio_viewd *viewd, bool alarm,
 							 const char *format, ...);
+/** Something happened that the machine wants to know of; returns when its orders are carried out.
+ */
+void dio_viewd_tell(struct dio_viewd *viewd, enum dio_viewd_event_kind kind);
+/** Does somebody look at the web page? */
+bool dio_viewd_page_is_watched(const struct dio_viewd *viewd);
 
-/* look.c: what is made of the tracker's results. */
-
-void dio_viewd_look(struct dio_viewd *viewd);
-void dio_viewd_begin_gather(struct dio_viewd *viewd);
-/** Adopt a camera model; NULL: there is none. */
-enum dio_status dio_viewd_set_camera(struct dio_viewd *viewd, const struct dio_camera_model *camera,
-				     enum dio_board_layout layout, struct dio_error *error);
-
-/* jobs.c: work on the engine's and the files' thread. */
+/* jobs.c, jobs_views.c: work on the engine's and the files' thread. */
 
 void dio_viewd_open_engine(struct dio_viewd *viewd);
-void dio_viewd_fit(struct dio_viewd *viewd);
+/** Bytes that the scene's file will take. */
+uint64_t dio_viewd_scene_bytes(const struct dio_viewd *viewd);
 void dio_viewd_begin_views(struct dio_viewd *viewd);
 /** Keep the picture of viewd->tracked. */
 void dio_viewd_store_view(struct dio_viewd *viewd);
 void dio_viewd_reconstruct(struct dio_viewd *viewd);
 /** call: NULL, or the method call that waits for the folder's name. */
 void dio_viewd_save(struct dio_viewd *viewd, const char *name, sd_bus_message *call);
-/** Bytes that the scene's file will take. */
-uint64_t dio_viewd_scene_bytes(const struct dio_viewd *viewd);
+
+/* calibrate.c */
+
+/** Adopt a camera model; NULL: there is none. */
+enum dio_status dio_viewd_set_camera(struct dio_viewd *viewd, const struct dio_camera_model *camera,
+				     enum dio_board_layout layout, struct dio_error *error);
+/** Forget the views of the board. */
+void dio_viewd_begin_gather(struct dio_viewd *viewd);
+/** Offer the corners of viewd->tracked. */
+void dio_viewd_gather(struct dio_viewd *viewd);
+/** Fit the camera to the views of the board, on the engine's thread. */
+void dio_viewd_fit(struct dio_viewd *viewd);
 
 /* show.c: the display loop. */
 
@@ -195,7 +193,21 @@ const struct dio_picture *dio_viewd_get_shown(const struct dio_viewd *viewd);
 bool dio_viewd_copy_picture(const struct dio_picture *from, struct dio_picture *to);
 void dio_viewd_release_pictures(struct dio_viewd *viewd);
 
-/* devices.c: display, buttons, LEDs and web page, which come and go. */
+/* look.c: what is made of the tracker's results. */
+
+void dio_viewd_look(struct dio_viewd *viewd);
+
+/* steps.c: the machine, and carrying out its orders. */
+
+/** A button or a caller asks for something. Statuses as dio_viewd_machine_step(). */
+enum dio_status dio_viewd_ask(struct dio_viewd *viewd, enum dio_action action,
+			      struct dio_error *error);
+/** What dio_viewd_tell() leads to. */
+void dio_viewd_take_event(struct dio_viewd *viewd, enum dio_viewd_event_kind kind);
+/** Say what to do next. */
+void dio_viewd_greet(struct dio_viewd *viewd);
+
+/* devices.c (and page.c): display, buttons, LEDs and web page, which come and go. */
 
 /** Open what is not open; called again and again. */
 void dio_viewd_open_devices(struct dio_viewd *viewd);
@@ -208,8 +220,21 @@ enum dio_status dio_viewd_open_bus(struct dio_viewd *viewd, struct dio_error *er
 /** Find the bus again where it went away; called again and again. */
 void dio_viewd_keep_bus(struct dio_viewd *viewd);
 /** Bring viewd->status up to date and tell the bus what changed. */
-void dio_viewd_refresh(struct dio_viewd *viewd);
+void dio_viewd_publish(struct dio_viewd *viewd);
 /** Ask the system to power off. */
 void dio_viewd_power_off(struct dio_viewd *viewd);
+
+/* viewd.c */
+
+struct dio_viewd_options {
+	const struct dio_profile *profile;
+	const char *bus; /* as dio_bus_open() takes it; "none": no bus */
+};
+
+/** Set everything up; the loop is the caller's and runs afterwards. */
+enum dio_status dio_viewd_open(const struct dio_viewd_options *options, sd_event *loop,
+			       struct dio_viewd *viewd, struct dio_error *error);
+/** Waits for the jobs that run. */
+void dio_viewd_close(struct dio_viewd *viewd);
 
 #endif
