@@ -3,12 +3,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/arena.h"
 #include "base/error.h"
 #include "base/memory.h"
 #include "files/safetensors.h"
 #include "fixed/quantise.h"
 #include "fixed/turn.h"
-#include "forward/arena.h"
 #include "model/model.h"
 
 /* Tensors of half a block: three norms' vectors and the MLP's, four matrices with their scales. */

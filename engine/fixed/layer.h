@@ -5,9 +5,9 @@
 #ifndef DVSM_FIXED_LAYER_H
 #define DVSM_FIXED_LAYER_H
 
+#include "base/arena.h"
 #include "fixed/fine.h"
 #include "fixed/model.h"
-#include "forward/arena.h"
 
 /**
  * D = dim, h = heads, W = padded head width. Keys stand for (n - their mean over all tokens) of the

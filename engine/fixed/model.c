@@ -4,11 +4,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/arena.h"
 #include "base/error.h"
 #include "base/memory.h"
 #include "fixed/fine.h"
 #include "fixed/turn.h"
-#include "forward/arena.h"
 #include "kernels/fixed_math.h"
 #include "model/reader.h"
 

@@ -2,8 +2,10 @@
 #ifndef DVSM_FIXED_PICTURE_H
 #define DVSM_FIXED_PICTURE_H
 
+#include "dvsm/engine.h"
 #include "fixed/run.h"
-#include "forward/picture.h"
+#include "geometry/rays.h"
+#include "geometry/resample.h"
 
 /** Fraction bits of a finished colour, 0..1 and beyond. */
 #define DVSM_FIXED_COLOUR 16

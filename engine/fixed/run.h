@@ -5,8 +5,8 @@
 #include <stdatomic.h>
 
 #include "fixed/layer.h"
-#include "forward/trace.h"
-#include "forward/workspace.h"
+#include "fixed/trace.h"
+#include "geometry/group.h"
 #include "threads/pool.h"
 
 /** Views that are worked on together; a unit is what their packed keys are filled up to. */

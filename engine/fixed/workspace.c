@@ -13,7 +13,7 @@ static size_t scratch_bytes(const struct dvsm_model_config *config,
 		dvsm_fixed_head_scratch_place(NULL, config->dim / config->heads);
 	size_t planes = 2 * DVSM_FIXED_FEW_ROWS * dvsm_fixed_pad(config->dim, DVSM_FIXED_DEPTH);
 
-	return dvsm_fixed_pad(larger(larger(attention.bytes, planes), 2 * size->scratch_bytes), 64);
+	return dvsm_fixed_pad(larger(larger(attention.bytes, planes), 2 * size->row_bytes), 64);
 }
 
 /* An input of a product, padded: a plane of the rays, or both planes of so many numbers. */

@@ -123,7 +123,7 @@ static struct dvsm_job_size size_of(const struct dvsm_engine *engine,
 				    const struct dvsm_camera *cameras, uint32_t count,
 				    uint32_t patch_px)
 {
-	return dvsm_job_size_of(&engine->model->config, cameras, count, patch_px,
+	return dvsm_job_size_of(cameras, count, engine->model->config.patch_px, patch_px,
 				dvsm_pool_get_threads(engine->pool),
 				engine->fixed ? DVSM_FIXED_GROUPING : DVSM_GROUPING);
 }

@@ -5,7 +5,7 @@
 #include "dvsm/engine.h"
 #include "fixed/run.h"
 #include "forward/steps.h"
-#include "model/sets.h"
+#include "weights/sets.h"
 
 struct dvsm_engine {
 	const struct dvsm_model *model;        /* borrowed */

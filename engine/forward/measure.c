@@ -4,8 +4,8 @@
 
 #include "base/error.h"
 #include "dvsm/dvsm.h"
+#include "fixed/trace.h"
 #include "forward/engine.h"
-#include "forward/trace.h"
 
 /* Reconstruct and render everything in one precision. */
 static enum dvsm_status run_once(const struct dvsm_measure_job *job, enum dvsm_precision precision,

@@ -3,9 +3,9 @@
 #include <string.h>
 
 #include "base/error.h"
-#include "fixed/stages.h"
 #include "forward/block.h"
 #include "forward/engine.h"
+#include "forward/fixed_stages.h"
 #include "forward/picture.h"
 #include "geometry/pose.h"
 #include "scene/scene_internal.h"

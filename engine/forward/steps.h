@@ -5,7 +5,7 @@
 #ifndef DVSM_FORWARD_STEPS_H
 #define DVSM_FORWARD_STEPS_H
 
-#include "forward/trace.h"
+#include "fixed/trace.h"
 #include "forward/workspace.h"
 #include "kernels/kernels.h"
 #include "model/model.h"

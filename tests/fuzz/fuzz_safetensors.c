@@ -13,6 +13,7 @@
 #include "files/safetensors.h"
 #include "model/model.h"
 #include "scene/scene_internal.h"
+#include "weights/open.h"
 
 /* libFuzzer's interface has no header in C. */
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);

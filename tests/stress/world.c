@@ -8,6 +8,7 @@
 #include "model/model.h"
 #include "support/files.h"
 #include "support/random_model.h"
+#include "weights/open.h"
 
 const struct stress_recipe stress_recipe_base = {
 	.name = "base",

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "model/model.h"
+#include "weights/open.h"
 
 #define PREFIX_BYTES 8
 

@@ -8,6 +8,7 @@
 
 #include "check.h"
 #include "model/model.h"
+#include "weights/open.h"
 
 double fixture_random(uint64_t *state)
 {

@@ -1,13 +1,13 @@
-#include "forward/weights.h"
+#include "weights/floats.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/arena.h"
 #include "base/error.h"
 #include "base/memory.h"
 #include "fixed/turn.h"
-#include "forward/arena.h"
 #include "model/reader.h"
 
 /* The walk over all matrices: measures or places, as the arena says. */

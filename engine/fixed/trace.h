@@ -6,8 +6,8 @@
  * which ones follows from their number alone, so that the float32 run and the fixed run of a pass
  * mean the same tokens in whatever order they come to them.
  */
-#ifndef DVSM_FORWARD_TRACE_H
-#define DVSM_FORWARD_TRACE_H
+#ifndef DVSM_FIXED_TRACE_H
+#define DVSM_FIXED_TRACE_H
 
 #include "kernels/fixed.h"
 #include "model/model.h"

@@ -1,4 +1,4 @@
-#include "fixed/stages.h"
+#include "forward/fixed_stages.h"
 
 #include "base/error.h"
 #include "fixed/block.h"

@@ -1,4 +1,4 @@
-#include "model/sets.h"
+#include "weights/sets.h"
 
 #include <stdlib.h>
 

@@ -1,6 +1,6 @@
 /* One block of memory, handed out in order. Private to the engine. */
-#ifndef DVSM_FORWARD_ARENA_H
-#define DVSM_FORWARD_ARENA_H
+#ifndef DVSM_BASE_ARENA_H
+#define DVSM_BASE_ARENA_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,4 +1,4 @@
-#include "forward/arena.h"
+#include "base/arena.h"
 
 #include "base/memory.h"
 

@@ -1,11 +1,9 @@
 /* Both stages of the fixed-point path, from checked arguments on. Private to the engine. */
-#ifndef DVSM_FIXED_STAGES_H
-#define DVSM_FIXED_STAGES_H
+#ifndef DVSM_FORWARD_FIXED_STAGES_H
+#define DVSM_FORWARD_FIXED_STAGES_H
 
 #include "dvsm/engine.h"
-#include "fixed/cache.h"
 #include "fixed/run.h"
-#include "forward/picture.h"
 #include "scene/scene_internal.h"
 
 /** Fill scene->fixed; DVSM_CANCELLED when the caller's progress function asks to stop. */

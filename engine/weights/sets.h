@@ -2,14 +2,14 @@
  * A model's weights as the engines of one precision read them: one set for all of them, made for
  * the first and released with the last. Private to the engine.
  */
-#ifndef DVSM_MODEL_SETS_H
-#define DVSM_MODEL_SETS_H
+#ifndef DVSM_WEIGHTS_SETS_H
+#define DVSM_WEIGHTS_SETS_H
 
 #include <pthread.h>
 
 #include "fixed/model.h"
-#include "forward/weights.h"
 #include "model/reader.h"
+#include "weights/floats.h"
 
 /** One of a model's sets; immutable while it has users. */
 struct dvsm_weight_set {

@@ -1,4 +1,4 @@
-#include "forward/trace.h"
+#include "fixed/trace.h"
 
 #include <math.h>
 #include <stdlib.h>

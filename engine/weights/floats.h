@@ -1,6 +1,6 @@
-/* A model's weights as the engine's precision reads them. Private to engine/forward. */
-#ifndef DVSM_FORWARD_WEIGHTS_H
-#define DVSM_FORWARD_WEIGHTS_H
+/* A model's weights as the engine's precision reads them. Private to the engine. */
+#ifndef DVSM_WEIGHTS_FLOATS_H
+#define DVSM_WEIGHTS_FLOATS_H
 
 #include "model/model.h"
 
