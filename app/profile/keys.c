@@ -9,6 +9,7 @@
 
 static const char *const FLICKERS[] = {"auto", "off", "50", "60", NULL};
 static const char *const PRECISIONS[] = {"float32", "bfloat16", "int8", NULL};
+static const char *const DEBLOCKS[] = {"auto", "on", "off", NULL};
 static const char *const PULLS[] = {"as-is", "none", "up", "down", NULL};
 /* As enum dio_action has them. */
 static const char *const ACTIONS[] = {"none", "calibrate", "capture",  "reconstruct", "play",
@@ -62,6 +63,7 @@ static const struct dio_profile_key KEYS[] = {
 	{"engine", "render_height", RANGE(COUNT, 16, 4096), PROFILE(engine.render_height)},
 	{"engine", "patch_recon", RANGE(COUNT, 0, 256), PROFILE(engine.patch_recon)},
 	{"engine", "patch_render", RANGE(COUNT, 0, 256), PROFILE(engine.patch_render)},
+	{"engine", "deblock", WORDS(DEBLOCKS), PROFILE(engine.deblock)},
 
 	{"buttons", "keyboard", DIO_PROFILE_TEXT, PROFILE(keyboard)},
 

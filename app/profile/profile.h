@@ -25,6 +25,13 @@ enum dio_profile_precision {
 	DIO_PRECISION_INT8,
 };
 
+/** Whether steps between patches of rendered pictures are evened out. */
+enum dio_profile_deblock {
+	DIO_PROFILE_DEBLOCK_AUTO, /* as the model's card asks */
+	DIO_PROFILE_DEBLOCK_ON,
+	DIO_PROFILE_DEBLOCK_OFF,
+};
+
 /** What a press asks for. */
 enum dio_action {
 	DIO_ACTION_NONE,
@@ -75,6 +82,7 @@ struct dio_profile_engine {
 	uint32_t threads;                     /* 0: all the process may use */
 	uint32_t render_width, render_height; /* of rendered viewpoints */
 	uint32_t patch_recon, patch_render;   /* pixels; 0: chosen from the picture's size */
+	enum dio_profile_deblock deblock;
 };
 
 /** What a button's presses ask for; lines and times are in `buttons` at the same index. */

@@ -145,6 +145,11 @@ void dio_viewd_open_engine(struct dio_viewd *viewd)
 		[DIO_PRECISION_BFLOAT16] = DVSM_PRECISION_BF16,
 		[DIO_PRECISION_INT8] = DVSM_PRECISION_FIXED,
 	};
+	static const enum dio_deblock DEBLOCKS[] = {
+		[DIO_PROFILE_DEBLOCK_AUTO] = DIO_DEBLOCK_AUTO,
+		[DIO_PROFILE_DEBLOCK_ON] = DIO_DEBLOCK_ON,
+		[DIO_PROFILE_DEBLOCK_OFF] = DIO_DEBLOCK_OFF,
+	};
 	const struct dio_profile_engine *engine = &viewd->profile->engine;
 	struct open_job *job = dio_viewd_allocate_job(viewd, sizeof *job);
 
@@ -156,6 +161,7 @@ void dio_viewd_open_engine(struct dio_viewd *viewd)
 		.patch_recon = engine->patch_recon,
 		.patch_render = engine->patch_render,
 		.precision = PRECISIONS[engine->precision],
+		.deblock = DEBLOCKS[engine->deblock],
 	};
 	if (dio_store_has_scene(viewd->store))
 		job->scene_path = dio_store_scene_path(viewd->store);

@@ -61,7 +61,7 @@ static void every_kind_of_value_is_read(void **state)
 	expect_good("[camera]\nsource = sim:table?seed=7 ; a comment\nwidth=640\nheight = 480\n"
 		    "frames_per_second = 59.94\nanti_flicker = 60\nlock = no\n"
 		    "calibration = /var/lib/diorama/cam era.yaml\n"
-		    "[engine]\nprecision = int8\n[web]\nenabled = yes\n",
+		    "[engine]\nprecision = int8\ndeblock = off\n[web]\nenabled = yes\n",
 		    &profile);
 	assert_string_equal(profile.camera.source, "sim:table?seed=7");
 	assert_int_equal(profile.camera.width, 640);
@@ -71,6 +71,7 @@ static void every_kind_of_value_is_read(void **state)
 	assert_false(profile.camera.lock);
 	assert_string_equal(profile.camera.calibration, "/var/lib/diorama/cam era.yaml");
 	assert_int_equal(profile.engine.precision, DIO_PRECISION_INT8);
+	assert_int_equal(profile.engine.deblock, DIO_PROFILE_DEBLOCK_OFF);
 	assert_true(profile.web.enabled);
 }
 

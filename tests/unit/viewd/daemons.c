@@ -90,7 +90,7 @@ static unsigned find_port(void)
 	return ntohs(address.sin_port);
 }
 
-void daemons_write_profile(uint32_t reserve_mib)
+void daemons_write_profile(uint32_t reserve_mib, const char *deblock)
 {
 	char text[4096];
 
@@ -99,11 +99,11 @@ void daemons_write_profile(uint32_t reserve_mib)
 		 "[capture]\nboard = %s\nviews_min = 3\nviews_max = 5\nreserve_mib = %u\n"
 		 "[display]\noutput = none\nmode = 320x240\nframes_per_second = 30\n"
 		 "[engine]\nmodel = %s\nrender_width = 64\nrender_height = 48\nthreads = 1\n"
-		 "patch_recon = 8\npatch_render = 8\n"
+		 "patch_recon = 8\npatch_render = 8\ndeblock = %s\n"
 		 "[paths]\nstate = %s\nruntime = %s\n"
 		 "[web]\nenabled = yes\nport = %u\n",
 		 fixture_path("walk"), BOARD, reserve_mib, fixture_path("tiny.safetensors"),
-		 fixture_path("state"), fixture_path("run"), port);
+		 deblock, fixture_path("state"), fixture_path("run"), port);
 	fixture_write("board.ini", text);
 }
 
@@ -116,7 +116,7 @@ int daemons_setup(void **state)
 	render_pictures("walk", "1", WALK_FRAMES);
 	write_model();
 	port = find_port();
-	daemons_write_profile(1);
+	daemons_write_profile(1, "auto");
 	return 0;
 }
 

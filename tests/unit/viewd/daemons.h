@@ -11,7 +11,7 @@ int daemons_setup(void **state);
 int daemons_teardown(void **state);
 
 /** The profile of the next daemon started; `reserve_mib` of the disk stay free. */
-void daemons_write_profile(uint32_t reserve_mib);
+void daemons_write_profile(uint32_t reserve_mib, const char *deblock);
 
 /** Start the capture daemon on "dance" or "walk" at a rate, or stop it. */
 void daemons_start_camera(const char *pictures, double frames_per_second);

@@ -87,7 +87,7 @@ static void views_are_chosen_and_a_scene_is_made(void **state)
 }
 
 /* What was saved as seen, beside what `diorama render` makes of the same scene and pose. */
-static void compare_with_render(const char *name)
+static void compare_with_render(const char *name, const char *deblock)
 {
 	char scene[256], path[256], out[256], png[256];
 	struct dio_picture rendered = {0}, seen = {0};
@@ -103,7 +103,7 @@ static void compare_with_render(const char *name)
 	snprintf(out, sizeof out, "render-%s", name);
 	fixture_diorama(&run, "render", "--model", fixture_path("tiny.safetensors"),
 			"--scene-cache", fixture_path(scene), "--path", fixture_path(path), "--out",
-			fixture_path(out), "--raw", "--deblock", "on", "--patch-render", "8",
+			fixture_path(out), "--raw", "--deblock", deblock, "--patch-render", "8",
 			"--threads", "1", NULL);
 	if (run.code != 0)
 		fail_msg("%s", run.err);
@@ -130,13 +130,13 @@ static void the_tracked_view_is_what_render_renders(void **state)
 	daemons_start_camera("walk", 5);
 	daemons_wait("Source=tracked");
 	daemons_ctl("save", "tracked");
-	compare_with_render("tracked");
+	compare_with_render("tracked", "on");
 	assert_true(atof(daemons_get("LatencyMs")) > 0);
 	/* The pictures end: tracking is lost, and the scene is shown all the same. */
 	daemons_wait("Camera=ended");
 	daemons_wait("Source=orbit");
 	daemons_ctl("save", "orbit");
-	compare_with_render("orbit");
+	compare_with_render("orbit", "on");
 }
 
 static void play_turn_and_follow_change_where_it_is_seen_from(void **state)
@@ -260,14 +260,24 @@ static void a_full_disk_is_refused_before_it_starts(void **state)
 	(void)state;
 	daemons_end_viewer(SIGTERM);
 	/* A reserve that no disk has. */
-	daemons_write_profile(1048576);
+	daemons_write_profile(1048576, "auto");
 	daemons_start_viewer();
 	daemons_wait("State=view");
 	daemons_expect_refusal("capture", "disk|free some space");
 	daemons_expect_refusal("save", "disk|free some space");
 	assert_string_equal(daemons_get("State"), "view");
 	daemons_end_viewer(SIGTERM);
-	daemons_write_profile(1);
+	daemons_write_profile(1, "off");
+}
+
+static void the_profile_has_the_last_word_on_deblocking(void **state)
+{
+	(void)state;
+	daemons_start_viewer();
+	daemons_wait("Source=orbit");
+	daemons_ctl("save", "seamed");
+	compare_with_render("seamed", "off");
+	daemons_end_viewer(SIGTERM);
 }
 
 static void shutdown_ends_the_daemon_cleanly(void **state)
@@ -294,6 +304,7 @@ int main(void)
 		cmocka_unit_test(a_damaged_scene_is_made_again_from_its_views),
 		cmocka_unit_test(the_camera_may_go_and_come_back),
 		cmocka_unit_test(a_full_disk_is_refused_before_it_starts),
+		cmocka_unit_test(the_profile_has_the_last_word_on_deblocking),
 		cmocka_unit_test(shutdown_ends_the_daemon_cleanly),
 	};
 
