@@ -129,7 +129,7 @@ static void trace_own_keys(const struct dvsm_fixed_run *run, const struct dvsm_f
 		size_t first = group->first_token[v];
 
 		dvsm_trace_packed(run->trace, index_of(run, half), first,
-				  run->work.kv + first * stride, group->first_token[v + 1] - first,
+				  run->work.kv + first * stride, dvsm_group_tokens(group, v),
 				  run->work.channels + v * stride, half->value_fraction);
 	}
 }

@@ -13,7 +13,7 @@ struct dvsm_fixed_layer dvsm_fixed_layers_get(const struct dvsm_fixed_run *run,
 	if (!layers->group)
 		return layers->one;
 	for (uint32_t v = 0; v <= view; v++) {
-		tokens = layers->group->first_token[v + 1] - layers->group->first_token[v];
+		tokens = dvsm_group_tokens(layers->group, v);
 		before += padded;
 		padded = dvsm_fixed_pad(tokens, DVSM_FIXED_KEY_PAD);
 	}

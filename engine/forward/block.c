@@ -3,169 +3,36 @@
 #include <math.h>
 #include <string.h>
 
+#include "forward/tile.h"
 #include "kernels/bf16.h"
-
-/* Most tokens of a tile: the hidden numbers of their MLP fit the second-level cache. */
-#define TILE_TOKENS 256u
-
-/* Tokens that one thread takes through a part of the layer: of one view, or of several. */
-struct tile {
-	size_t row, token; /* the first one in the workspace, and in the residual stream */
-	size_t rows;
-	uint32_t view; /* of the first one */
-	size_t first;  /* which of that view's tokens it is */
-};
-
-/* Those of a tile that are one view's. */
-struct part {
-	size_t at, rows; /* among the tile's */
-	uint32_t view;
-	size_t first;                 /* which of the view's tokens the first one is */
-	size_t view_row, view_tokens; /* of the view: first row in the workspace, tokens */
-};
 
 struct block_job {
 	const struct dvsm_run *run;
-	const struct dvsm_group *group;
+	struct dvsm_cut cut;
 	uint32_t layer;
 	const struct dvsm_heads *cache;
-	size_t dense; /* rows of the group where its views lie side by side; 0 where they do not */
 };
-
-static size_t tokens_of(const struct dvsm_group *group, uint32_t view)
-{
-	return group->first_token[view + 1] - group->first_token[view];
-}
-
-/* A left side in tiles wants each view to begin with a whole strip. */
-static size_t dense_rows(const struct dvsm_run *run, const struct dvsm_group *group)
-{
-	for (uint32_t v = 0; run->kernels->tiled && v < group->views; v++)
-		if (dvsm_group_rows(tokens_of(group, v)) != tokens_of(group, v))
-			return 0;
-	return group->first_token[group->views] - group->first_token[0];
-}
-
-/* Rows that a view takes of the workspace. */
-static size_t rows_of(const struct dvsm_run *run, size_t tokens)
-{
-	return run->kernels->tiled ? dvsm_group_rows(tokens) : tokens;
-}
-
-/* Rows of a tile, of `shares` or multiples of that: the more rows, the less often weights are read.
- */
-static size_t share_rows(size_t rows, size_t step)
-{
-	size_t shares = step;
-
-	while (dvsm_tiles(rows, shares) > TILE_TOKENS)
-		shares += step;
-	return dvsm_group_rows(dvsm_tiles(rows, shares));
-}
-
-/*
- * Tokens of a tile. Where views lie side by side their rows are cut as if they were one; elsewhere
- * each view is cut, unless there are enough whole ones to go round.
- */
-static size_t tile_size(const struct block_job *job, size_t view_tokens)
-{
-	const size_t threads = dvsm_pool_get_threads(job->run->pool);
-
-	if (job->dense)
-		return share_rows(job->dense, threads);
-	return share_rows(view_tokens, job->group->views % threads == 0 ? 1 : threads);
-}
-
-static size_t count_tiles(const struct block_job *job)
-{
-	size_t count = 0;
-
-	if (job->dense)
-		return dvsm_tiles(job->dense, tile_size(job, 0));
-	for (uint32_t v = 0; v < job->group->views; v++) {
-		size_t tokens = tokens_of(job->group, v);
-
-		count += dvsm_tiles(tokens, tile_size(job, tokens));
-	}
-	return count;
-}
-
-static struct tile find_dense_tile(const struct block_job *job, size_t index)
-{
-	const size_t *first_token = job->group->first_token;
-	const size_t size = tile_size(job, 0), row = index * size, token = first_token[0] + row;
-	uint32_t view = 0;
-
-	while (token >= first_token[view + 1])
-		view++;
-	return (struct tile){row, token, dvsm_tile_length(job->dense, size, index), view,
-			     token - first_token[view]};
-}
-
-static struct tile find_tile(const struct block_job *job, size_t index)
-{
-	size_t row = 0;
-
-	if (job->dense)
-		return find_dense_tile(job, index);
-	for (uint32_t v = 0;; v++) {
-		size_t tokens = tokens_of(job->group, v), size = tile_size(job, tokens);
-		size_t tiles = dvsm_tiles(tokens, size), first = index * size;
-
-		if (index < tiles)
-			return (struct tile){row + first, job->group->first_token[v] + first,
-					     dvsm_tile_length(tokens, size, index), v, first};
-		index -= tiles;
-		row += dvsm_group_rows(tokens);
-	}
-}
-
-/* The tile's rows of its first view. */
-static struct part first_part(const struct block_job *job, const struct tile *tile)
-{
-	const size_t tokens = tokens_of(job->group, tile->view), left = tokens - tile->first;
-
-	return (struct part){0,
-			     tile->rows < left ? tile->rows : left,
-			     tile->view,
-			     tile->first,
-			     tile->row - tile->first,
-			     tokens};
-}
-
-/* And of the next one; none when rows is 0. */
-static void next_part(const struct block_job *job, const struct tile *tile, struct part *part)
-{
-	const size_t at = part->at + part->rows, left = tile->rows - at;
-	const size_t view_row = part->view_row + rows_of(job->run, part->view_tokens);
-
-	*part = (struct part){.at = at, .view = part->view + 1, .view_row = view_row};
-	if (left == 0)
-		return;
-	part->view_tokens = tokens_of(job->group, part->view);
-	part->rows = left < part->view_tokens ? left : part->view_tokens;
-}
 
 /* ---- a tile's places ---- */
 
-static float *residual(const struct dvsm_run *run, const struct tile *tile)
+static float *residual(const struct dvsm_run *run, const struct dvsm_tile *tile)
 {
 	return run->work.x + tile->token * run->model->config.dim;
 }
 
-static void *normed(const struct dvsm_run *run, const struct tile *tile)
+static void *normed(const struct dvsm_run *run, const struct dvsm_tile *tile)
 {
 	return dvsm_run_left(run, run->work.normed, tile->row, 0, run->model->config.dim);
 }
 
 /* Queries; hidden numbers. */
-static float *wide(const struct dvsm_run *run, const struct tile *tile)
+static float *wide(const struct dvsm_run *run, const struct dvsm_tile *tile)
 {
 	return run->work.wide + tile->row * run->work.wide_width;
 }
 
 /* Keys and values, behind the queries. */
-static float *wide_keys(const struct dvsm_run *run, const struct tile *tile)
+static float *wide_keys(const struct dvsm_run *run, const struct dvsm_tile *tile)
 {
 	return wide(run, tile) + tile->rows * run->model->config.dim;
 }
@@ -193,7 +60,7 @@ static size_t half_of(const struct dvsm_run *run, const struct dvsm_half_weights
 }
 
 /* Rows of a tile, [rows][width]; floats, because only float32 is traced. */
-static void trace_rows(const struct dvsm_run *run, const struct tile *tile,
+static void trace_rows(const struct dvsm_run *run, const struct dvsm_tile *tile,
 		       const struct dvsm_half_weights *weights, enum dvsm_trace_what what,
 		       const float *x, size_t width)
 {
@@ -203,30 +70,31 @@ static void trace_rows(const struct dvsm_run *run, const struct tile *tile,
 }
 
 /* Keys and values within each view. */
-static void trace_own_heads(const struct dvsm_run *run, uint32_t layer,
-			    const struct dvsm_group *group)
+static void trace_own_heads(const struct block_job *job)
 {
+	const struct dvsm_run *run = job->run;
+	const struct dvsm_group *group = job->cut.group;
 	size_t row = 0;
 
 	for (uint32_t v = 0; run->trace && v < group->views; v++) {
-		const struct dvsm_heads own = own_heads(run, row, tokens_of(group, v));
+		const struct dvsm_heads own = own_heads(run, row, dvsm_group_tokens(group, v));
 
-		dvsm_trace_float_heads(run->trace, 2 * (size_t)layer, group->first_token[v],
+		dvsm_trace_float_heads(run->trace, 2 * (size_t)job->layer, group->first_token[v],
 				       own.keys, own.values, own.total);
-		row += rows_of(run, own.total);
+		row += dvsm_cut_rows_of(&job->cut, own.total);
 	}
 }
 
 /* ---- steps of a tile ---- */
 
-static void norm(const struct dvsm_run *run, const struct tile *tile, const float *weight)
+static void norm(const struct dvsm_run *run, const struct dvsm_tile *tile, const float *weight)
 {
 	run->kernels->layer_norm(residual(run, tile), tile->rows, run->model->config.dim, weight,
 				 (float)run->model->config.norm_eps, normed(run, tile));
 }
 
 /* Keys and values of the tile's normed rows, before QK-norm. */
-static void project_keys(const struct dvsm_run *run, const struct tile *tile,
+static void project_keys(const struct dvsm_run *run, const struct dvsm_tile *tile,
 			 const struct dvsm_half_weights *weights)
 {
 	dvsm_rows_product(run, normed(run, tile), tile->rows, &weights->key_value,
@@ -235,7 +103,7 @@ static void project_keys(const struct dvsm_run *run, const struct tile *tile,
 }
 
 /* One head's keys and values of rows at .. at + rows - 1, with QK-norm, to k and v. */
-static void finish_keys(const struct dvsm_run *run, const struct tile *tile,
+static void finish_keys(const struct dvsm_run *run, const struct dvsm_tile *tile,
 			const struct dvsm_half_weights *weights, size_t at, size_t rows,
 			size_t head, void *k, void *v)
 {
@@ -288,7 +156,7 @@ static bool wants_blocks(const struct dvsm_run *run)
 
 /* Keys and values of rows at .. at + rows - 1 to tokens `first` and on of heads. Of a block that
  * other tiles have a part of, the rows are there, but in rows. */
-static void store_keys(const struct dvsm_run *run, const struct tile *tile,
+static void store_keys(const struct dvsm_run *run, const struct dvsm_tile *tile,
 		       const struct dvsm_half_weights *weights, size_t at, size_t rows,
 		       const struct dvsm_heads *heads, size_t first, uint32_t worker)
 {
@@ -311,7 +179,7 @@ static void store_keys(const struct dvsm_run *run, const struct tile *tile,
 	}
 }
 
-static void project_queries(const struct dvsm_run *run, const struct tile *tile,
+static void project_queries(const struct dvsm_run *run, const struct dvsm_tile *tile,
 			    const struct dvsm_half_weights *weights)
 {
 	dvsm_rows_product(run, normed(run, tile), tile->rows, &weights->query, wide(run, tile),
@@ -329,7 +197,7 @@ static void keep_rest(float *x, size_t count)
  * The same of rows that are not rounded first: the queries of what bfloat16 makes of them, and of
  * the rest. The rows wait where keys and values were.
  */
-static void project_fine_queries(const struct dvsm_run *run, const struct tile *tile,
+static void project_fine_queries(const struct dvsm_run *run, const struct dvsm_tile *tile,
 				 const struct dvsm_half_weights *weights)
 {
 	const size_t dim = run->model->config.dim;
@@ -346,7 +214,7 @@ static void project_fine_queries(const struct dvsm_run *run, const struct tile *
 }
 
 /* One head's attention for rows first .. first + rows - 1 of the tile, into its normed rows. */
-static void attend_head(const struct dvsm_run *run, const struct tile *tile,
+static void attend_head(const struct dvsm_run *run, const struct dvsm_tile *tile,
 			const struct dvsm_half_weights *weights, const struct dvsm_heads *heads,
 			size_t head, size_t first, size_t rows, unsigned char *scratch)
 {
@@ -377,7 +245,7 @@ static void attend_head(const struct dvsm_run *run, const struct tile *tile,
 
 /* One head's attention of rows at .. at + rows - 1 of the tile, as many at a time as kernels take.
  */
-static void attend_rows(const struct dvsm_run *run, const struct tile *tile,
+static void attend_rows(const struct dvsm_run *run, const struct dvsm_tile *tile,
 			const struct dvsm_half_weights *weights, const struct dvsm_heads *heads,
 			size_t head, size_t at, size_t rows, uint32_t worker)
 {
@@ -388,13 +256,14 @@ static void attend_rows(const struct dvsm_run *run, const struct tile *tile,
 			    dvsm_tile_length(rows, most, i), dvsm_run_scratch(run, worker));
 }
 
-static void attend_within_views(const struct block_job *job, const struct tile *tile,
+static void attend_within_views(const struct block_job *job, const struct dvsm_tile *tile,
 				uint32_t worker)
 {
 	const struct dvsm_half_weights *weights = &job->run->weights->blocks[job->layer].intra;
-	struct part part;
+	struct dvsm_tile_part part;
 
-	for (part = first_part(job, tile); part.rows > 0; next_part(job, tile, &part)) {
+	for (part = dvsm_tile_first_part(&job->cut, tile); part.rows > 0;
+	     dvsm_tile_next_part(&job->cut, tile, &part)) {
 		const struct dvsm_heads own = own_heads(job->run, part.view_row, part.view_tokens);
 
 		for (size_t h = 0; h < job->run->model->config.heads; h++)
@@ -403,7 +272,7 @@ static void attend_within_views(const struct block_job *job, const struct tile *
 }
 
 /* x += Wo normed; x += down(GELU(up(LN(x)))). */
-static void mix(const struct dvsm_run *run, const struct tile *tile,
+static void mix(const struct dvsm_run *run, const struct dvsm_tile *tile,
 		const struct dvsm_half_weights *weights)
 {
 	const size_t dim = run->model->config.dim;
@@ -426,12 +295,13 @@ static void keys_task(void *context, size_t index, uint32_t worker)
 {
 	const struct block_job *job = context;
 	const struct dvsm_half_weights *weights = &job->run->weights->blocks[job->layer].intra;
-	const struct tile tile = find_tile(job, index);
-	struct part part;
+	const struct dvsm_tile tile = dvsm_cut_find(&job->cut, index);
+	struct dvsm_tile_part part;
 
 	norm(job->run, &tile, weights->norm);
 	project_keys(job->run, &tile, weights);
-	for (part = first_part(job, &tile); part.rows > 0; next_part(job, &tile, &part)) {
+	for (part = dvsm_tile_first_part(&job->cut, &tile); part.rows > 0;
+	     dvsm_tile_next_part(&job->cut, &tile, &part)) {
 		const struct dvsm_heads own = own_heads(job->run, part.view_row, part.view_tokens);
 
 		store_keys(job->run, &tile, weights, part.at, part.rows, &own, part.first, worker);
@@ -443,7 +313,7 @@ static void intra_task(void *context, size_t index, uint32_t worker)
 {
 	const struct block_job *job = context;
 	const struct dvsm_block_weights *weights = &job->run->weights->blocks[job->layer];
-	const struct tile tile = find_tile(job, index);
+	const struct dvsm_tile tile = dvsm_cut_find(&job->cut, index);
 
 	attend_within_views(job, &tile, worker);
 	mix(job->run, &tile, &weights->intra);
@@ -456,7 +326,7 @@ static void queries_task(void *context, size_t index, uint32_t worker)
 {
 	const struct block_job *job = context;
 	const struct dvsm_half_weights *weights = &job->run->weights->blocks[job->layer].cross;
-	const struct tile tile = find_tile(job, index);
+	const struct dvsm_tile tile = dvsm_cut_find(&job->cut, index);
 
 	(void)worker;
 	/* Here a ray finds its place in the other views: what is lost now is lost in all blocks. */
@@ -474,7 +344,7 @@ static size_t cuts_of_head(const struct block_job *job)
 {
 	const size_t threads = dvsm_pool_get_threads(job->run->pool);
 
-	return job->run->model->config.heads % threads == 0 ? 1 : count_tiles(job);
+	return job->run->model->config.heads % threads == 0 ? 1 : dvsm_cut_count(&job->cut);
 }
 
 static void heads_task(void *context, size_t index, uint32_t worker)
@@ -483,8 +353,8 @@ static void heads_task(void *context, size_t index, uint32_t worker)
 	const struct dvsm_half_weights *weights = &job->run->weights->blocks[job->layer].cross;
 	const size_t cuts = cuts_of_head(job);
 
-	for (size_t i = index % cuts; i < count_tiles(job); i += cuts) {
-		const struct tile tile = find_tile(job, i);
+	for (size_t i = index % cuts; i < dvsm_cut_count(&job->cut); i += cuts) {
+		const struct dvsm_tile tile = dvsm_cut_find(&job->cut, i);
 
 		attend_rows(job->run, &tile, weights, job->cache, index / cuts, 0, tile.rows,
 			    worker);
@@ -494,7 +364,7 @@ static void heads_task(void *context, size_t index, uint32_t worker)
 static void mix_task(void *context, size_t index, uint32_t worker)
 {
 	const struct block_job *job = context;
-	const struct tile tile = find_tile(job, index);
+	const struct dvsm_tile tile = dvsm_cut_find(&job->cut, index);
 
 	(void)worker;
 	mix(job->run, &tile, &job->run->weights->blocks[job->layer].cross);
@@ -503,7 +373,7 @@ static void mix_task(void *context, size_t index, uint32_t worker)
 static void render_task(void *context, size_t index, uint32_t worker)
 {
 	const struct block_job *job = context;
-	const struct tile tile = find_tile(job, index);
+	const struct dvsm_tile tile = dvsm_cut_find(&job->cut, index);
 
 	attend_within_views(job, &tile, worker);
 	mix(job->run, &tile, &job->run->weights->blocks[job->layer].intra);
@@ -518,8 +388,8 @@ static void lay_borders(const struct block_job *job)
 	const size_t count = DVSM_BLOCK_KEYS * head_dim, bytes = count * run->kernels->number_bytes;
 	unsigned char *rows = dvsm_run_scratch(run, 0);
 
-	for (size_t i = 0; i < count_tiles(job); i++) {
-		const struct tile tile = find_tile(job, i);
+	for (size_t i = 0; i < dvsm_cut_count(&job->cut); i++) {
+		const struct dvsm_tile tile = dvsm_cut_find(&job->cut, i);
 		const size_t first = tile.token / DVSM_BLOCK_KEYS * DVSM_BLOCK_KEYS;
 
 		if (first == tile.token || first + DVSM_BLOCK_KEYS > tile.token + tile.rows)
@@ -536,49 +406,57 @@ static void lay_borders(const struct block_job *job)
 	}
 }
 
-static void run_tiles(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
-		      const struct dvsm_heads *cache, dvsm_task_fn *task)
+static struct block_job begin(const struct dvsm_run *run, uint32_t layer,
+			      const struct dvsm_group *group, const struct dvsm_heads *cache)
 {
-	struct block_job job = {run, group, layer, cache, dense_rows(run, group)};
+	const size_t threads = dvsm_pool_get_threads(run->pool);
 
-	dvsm_pool_run(run->pool, count_tiles(&job), task, &job);
+	return (struct block_job){run, dvsm_cut_make(group, threads, run->kernels->tiled), layer,
+				  cache};
+}
+
+static void run_tiles(struct block_job *job, dvsm_task_fn *task)
+{
+	dvsm_pool_run(job->run->pool, dvsm_cut_count(&job->cut), task, job);
+}
+
+/* Attention across views for queries that are there, and what follows it. */
+static void attend_across(struct block_job *job)
+{
+	const size_t heads = job->run->model->config.heads;
+
+	dvsm_pool_run(job->run->pool, heads * cuts_of_head(job), heads_task, job);
+	run_tiles(job, mix_task);
 }
 
 void dvsm_block_intra(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
 		      const struct dvsm_heads *cache)
 {
-	run_tiles(run, layer, group, cache, keys_task);
-	trace_own_heads(run, layer, group);
-	run_tiles(run, layer, group, cache, intra_task);
-	if (wants_blocks(run)) {
-		const struct block_job job = {run, group, layer, cache, dense_rows(run, group)};
+	struct block_job job = begin(run, layer, group, cache);
 
+	run_tiles(&job, keys_task);
+	trace_own_heads(&job);
+	run_tiles(&job, intra_task);
+	if (wants_blocks(run))
 		lay_borders(&job);
-	}
-}
-
-/* Attention across views for queries that are there, and what follows it. */
-static void attend_across(const struct dvsm_run *run, uint32_t layer,
-			  const struct dvsm_group *group, const struct dvsm_heads *cache)
-{
-	struct block_job job = {run, group, layer, cache, dense_rows(run, group)};
-
-	dvsm_pool_run(run->pool, run->model->config.heads * cuts_of_head(&job), heads_task, &job);
-	dvsm_pool_run(run->pool, count_tiles(&job), mix_task, &job);
 }
 
 void dvsm_block_cross(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
 		      const struct dvsm_heads *cache)
 {
-	run_tiles(run, layer, group, cache, queries_task);
-	attend_across(run, layer, group, cache);
+	struct block_job job = begin(run, layer, group, cache);
+
+	run_tiles(&job, queries_task);
+	attend_across(&job);
 }
 
 void dvsm_block_render(const struct dvsm_run *run, uint32_t layer, const struct dvsm_group *group,
 		       const struct dvsm_heads *cache)
 {
-	run_tiles(run, layer, group, cache, keys_task);
-	trace_own_heads(run, layer, group);
-	run_tiles(run, layer, group, cache, render_task);
-	attend_across(run, layer, group, cache);
+	struct block_job job = begin(run, layer, group, cache);
+
+	run_tiles(&job, keys_task);
+	trace_own_heads(&job);
+	run_tiles(&job, render_task);
+	attend_across(&job);
 }

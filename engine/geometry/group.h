@@ -21,6 +21,12 @@ struct dvsm_group {
 	uint32_t views;
 };
 
+/** How many tokens a view of it has. */
+static inline size_t dvsm_group_tokens(const struct dvsm_group *group, uint32_t view)
+{
+	return group->first_token[view + 1] - group->first_token[view];
+}
+
 /** Of views whose tokens are first_token[view] and on, [views + 1], those from `first` on. */
 struct dvsm_group dvsm_group_from(const size_t *first_token, uint32_t views, uint32_t first,
 				  struct dvsm_grouping grouping);
