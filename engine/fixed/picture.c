@@ -6,6 +6,7 @@
 #include "fixed/deblock.h"
 #include "fixed/resample.h"
 #include "fixed/turn.h"
+#include "geometry/rays.h"
 #include "kernels/fixed_math.h"
 
 /* Rays of a token are q^2 divisions and roots: a few tokens make a task. */
@@ -28,18 +29,6 @@ struct picture_job {
 	size_t count, width; /* tokens, and numbers of each */
 	int near_bits;       /* numbers below 2^near_bits stand for themselves */
 };
-
-static size_t tiles(size_t count, size_t size)
-{
-	return (count + size - 1) / size;
-}
-
-static size_t tile_length(size_t count, size_t size, size_t index)
-{
-	size_t left = count - index * size;
-
-	return left < size ? left : size;
-}
 
 /* ---- embedding ---- */
 
@@ -108,7 +97,7 @@ static void split_token(const struct picture_job *job, size_t token)
 static void ray_task(void *context, size_t index, uint32_t worker)
 {
 	const struct picture_job *job = context;
-	size_t first = index * RAY_TOKENS, count = tile_length(job->count, RAY_TOKENS, index);
+	size_t first = index * RAY_TOKENS, count = dvsm_tile_length(job->count, RAY_TOKENS, index);
 
 	(void)worker;
 	dvsm_ray_map_write(job->map, first, count, job->run->work.patches + first * job->width);
@@ -161,29 +150,34 @@ static void stream_task(void *context, size_t index, uint32_t worker)
 		x[d] = (int32_t)dvsm_fixed_round((int64_t)x[d] * scale.mantissa, shift);
 }
 
-void dvsm_fixed_picture_embed(const struct dvsm_fixed_run *run, const struct dvsm_ray_map *map,
-			      const struct dvsm_patch_plan *plan, const float *rgb, int32_t *x)
+void dvsm_fixed_picture_embed(const struct dvsm_fixed_run *run, const struct dvsm_camera *camera,
+			      const struct dvsm_normalisation *normalisation, uint32_t patch_px,
+			      const float *rgb, int32_t *x)
 {
+	const uint32_t side = run->config->patch_px;
+	const struct dvsm_ray_map map = dvsm_ray_map_prepare(camera, normalisation, side, patch_px);
+	const struct dvsm_patch_plan plan =
+		dvsm_patch_plan_make(camera->width, camera->height, side, patch_px);
 	const struct dvsm_fixed_model *model = run->model;
-	const size_t area = (size_t)plan->patch_px * plan->patch_px;
+	const size_t area = (size_t)side * side;
 	struct picture_job job = {
 		.run = run,
-		.map = map,
-		.plan = plan,
+		.map = &map,
+		.plan = &plan,
 		.rgb = rgb,
 		.x = x,
-		.count = dvsm_token_grid_count(plan->grid),
+		.count = dvsm_token_grid_count(plan.grid),
 		.width = 6 * area,
 		.near_bits = NEAR_RAY_BITS,
 	};
 
 	memset(run->work.sums, 0, job.count * run->config->dim * sizeof(int32_t));
-	dvsm_pool_run(run->pool, tiles(job.count, RAY_TOKENS), ray_task, &job);
+	dvsm_pool_run(run->pool, dvsm_tiles(job.count, RAY_TOKENS), ray_task, &job);
 	add_planes(run, job.count, &model->patch_ray);
 	if (rgb) {
 		job.width = 3 * area;
 		job.near_bits = NEAR_COLOUR_BITS;
-		dvsm_pool_run(run->pool, plan->grid.rows, cut_task, &job);
+		dvsm_pool_run(run->pool, plan.grid.rows, cut_task, &job);
 		add_planes(run, job.count, &model->patch_rgb);
 	}
 	dvsm_fixed_step_norm_planes(run, run->work.sums, job.count, &model->embed_norm);
@@ -246,7 +240,7 @@ static void join_task(void *context, size_t index, uint32_t worker)
 	const struct dvsm_patch_plan *plan = job->plan;
 	size_t row_numbers = 3 * (size_t)plan->width;
 	uint32_t first = (uint32_t)(index * PICTURE_ROWS);
-	uint32_t end = first + (uint32_t)tile_length(plan->height, PICTURE_ROWS, index);
+	uint32_t end = first + (uint32_t)dvsm_tile_length(plan->height, PICTURE_ROWS, index);
 
 	for (uint32_t y = first; y < end; y++) {
 		const int32_t *row = dvsm_fixed_join_row(plan, job->run->work.sums, y,
@@ -260,22 +254,25 @@ static void join_task(void *context, size_t index, uint32_t worker)
 	}
 }
 
-void dvsm_fixed_picture_write(const struct dvsm_fixed_run *run, const struct dvsm_patch_plan *plan,
-			      const int32_t *x, const struct dvsm_picture_out *out)
+void dvsm_fixed_picture_write(const struct dvsm_fixed_run *run, const struct dvsm_camera *camera,
+			      uint32_t patch_px, const int32_t *x,
+			      const struct dvsm_picture_out *out)
 {
+	const struct dvsm_patch_plan plan = dvsm_patch_plan_make(camera->width, camera->height,
+								 run->config->patch_px, patch_px);
 	struct picture_job job = {
 		.run = run,
-		.plan = plan,
+		.plan = &plan,
 		.out = out,
-		.count = dvsm_token_grid_count(plan->grid),
+		.count = dvsm_token_grid_count(plan.grid),
 		.width = run->model->to_rgb.out,
 	};
 
 	dvsm_fixed_step_norm_planes(run, x, job.count, &run->model->final_norm);
 	memset(run->work.sums, 0, job.count * job.width * sizeof(int32_t));
 	add_planes(run, job.count, &run->model->to_rgb);
-	dvsm_pool_run(run->pool, plan->grid.rows, colour_task, &job);
+	dvsm_pool_run(run->pool, plan.grid.rows, colour_task, &job);
 	if (run->deblock)
-		dvsm_pool_run(run->pool, plan->grid.rows - 1, seam_task, &job);
-	dvsm_pool_run(run->pool, tiles(plan->height, PICTURE_ROWS), join_task, &job);
+		dvsm_pool_run(run->pool, plan.grid.rows - 1, seam_task, &job);
+	dvsm_pool_run(run->pool, dvsm_tiles(plan.height, PICTURE_ROWS), join_task, &job);
 }

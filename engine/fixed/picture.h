@@ -4,8 +4,7 @@
 
 #include "dvsm/engine.h"
 #include "fixed/run.h"
-#include "geometry/rays.h"
-#include "geometry/resample.h"
+#include "geometry/pose.h"
 
 /** Fraction bits of a finished colour, 0..1 and beyond. */
 #define DVSM_FIXED_COLOUR 16
@@ -18,11 +17,13 @@
  *
  * rgb   [height][width][3], or NULL for a target
  */
-void dvsm_fixed_picture_embed(const struct dvsm_fixed_run *run, const struct dvsm_ray_map *map,
-			      const struct dvsm_patch_plan *plan, const float *rgb, int32_t *x);
+void dvsm_fixed_picture_embed(const struct dvsm_fixed_run *run, const struct dvsm_camera *camera,
+			      const struct dvsm_normalisation *normalisation, uint32_t patch_px,
+			      const float *rgb, int32_t *x);
 
 /** Picture of one view from its tokens; floats are multiples of 2^-16, up to 128. */
-void dvsm_fixed_picture_write(const struct dvsm_fixed_run *run, const struct dvsm_patch_plan *plan,
-			      const int32_t *x, const struct dvsm_picture_out *out);
+void dvsm_fixed_picture_write(const struct dvsm_fixed_run *run, const struct dvsm_camera *camera,
+			      uint32_t patch_px, const int32_t *x,
+			      const struct dvsm_picture_out *out);
 
 #endif

@@ -14,18 +14,6 @@
 _Static_assert(DVSM_FIXED_TASK_ROWS <= DVSM_FIXED_QUERIES,
 	       "attention takes the rows of a task at once");
 
-static size_t tiles(size_t count, size_t size)
-{
-	return (count + size - 1) / size;
-}
-
-static size_t tile_length(size_t count, size_t size, size_t index)
-{
-	size_t left = count - index * size;
-
-	return left < size ? left : size;
-}
-
 /*
  * A job is cut into tiles of rows, and these into pieces: columns of a product, heads. Tasks come
  * in the order of parts, of as many tiles each as there are threads to share them: so a thread
@@ -44,13 +32,13 @@ static struct cut cut_rows(const struct dvsm_fixed_run *run, size_t rows, size_t
 	struct cut cut = {.rows = rows, .tile_rows = rows, .pieces = pieces};
 
 	for (size_t shares = threads; cut.tile_rows > most; shares += threads)
-		cut.tile_rows = tiles(rows, shares);
+		cut.tile_rows = dvsm_tiles(rows, shares);
 	if (cut.tile_rows == rows)
-		cut.tile_rows = tiles(rows, threads);
+		cut.tile_rows = dvsm_tiles(rows, threads);
 	cut.tile_rows = dvsm_fixed_pad(cut.tile_rows, ROWS_PER_TASK);
 	if (cut.tile_rows < DVSM_FIXED_LEAST_TASK_ROWS)
 		cut.tile_rows = DVSM_FIXED_LEAST_TASK_ROWS;
-	cut.row_tiles = tiles(rows, cut.tile_rows);
+	cut.row_tiles = dvsm_tiles(rows, cut.tile_rows);
 	cut.parts = cut.row_tiles < threads ? cut.row_tiles : threads;
 	return cut;
 }
@@ -131,7 +119,8 @@ static void norm_rows_for(const struct dvsm_fixed_run *run, const int32_t *x,
 		norm_rows(run, x, gain, false, row, rows);
 	for (size_t i = 0; input->fine && i < rows; i += ROWS_PER_TASK)
 		norm_few_rows_fine(run, x, gain, input, row + i,
-				   tile_length(rows, ROWS_PER_TASK, i / ROWS_PER_TASK), worker);
+				   dvsm_tile_length(rows, ROWS_PER_TASK, i / ROWS_PER_TASK),
+				   worker);
 }
 
 static void quantise_rows(const struct dvsm_fixed_run *run, const struct dvsm_fixed_then *then,
@@ -203,7 +192,7 @@ static void arrive(const struct dvsm_fixed_run *run, const struct dvsm_fixed_the
 		   const struct cut *cut, size_t row_tile, uint32_t worker)
 {
 	const size_t row = row_tile * cut->tile_rows;
-	const size_t rows = tile_length(cut->rows, cut->tile_rows, row_tile);
+	const size_t rows = dvsm_tile_length(cut->rows, cut->tile_rows, row_tile);
 
 	if (then->what == DVSM_FIXED_NOTHING ||
 	    atomic_fetch_sub_explicit(&run->work.left[row_tile], 1, memory_order_acq_rel) > 1)
@@ -230,7 +219,7 @@ static void norm_task(void *context, size_t index, uint32_t worker)
 {
 	const struct norm_job *job = context;
 	const size_t row = index * ROWS_PER_TASK;
-	const size_t rows = tile_length(job->rows, ROWS_PER_TASK, index);
+	const size_t rows = dvsm_tile_length(job->rows, ROWS_PER_TASK, index);
 
 	if (job->input)
 		norm_rows_for(job->run, job->x, job->gain, job->input, row, rows, worker);
@@ -243,7 +232,7 @@ void dvsm_fixed_step_norm(const struct dvsm_fixed_run *run, const int32_t *x, si
 {
 	struct norm_job job = {run, x, gain, input, rows};
 
-	dvsm_pool_run(run->pool, tiles(rows, ROWS_PER_TASK), norm_task, &job);
+	dvsm_pool_run(run->pool, dvsm_tiles(rows, ROWS_PER_TASK), norm_task, &job);
 }
 
 void dvsm_fixed_step_norm_planes(const struct dvsm_fixed_run *run, const int32_t *x, size_t rows,
@@ -251,7 +240,7 @@ void dvsm_fixed_step_norm_planes(const struct dvsm_fixed_run *run, const int32_t
 {
 	struct norm_job job = {run, x, gain, NULL, rows};
 
-	dvsm_pool_run(run->pool, tiles(rows, ROWS_PER_TASK), norm_task, &job);
+	dvsm_pool_run(run->pool, dvsm_tiles(rows, ROWS_PER_TASK), norm_task, &job);
 }
 
 /* ---- products ---- */
@@ -282,13 +271,13 @@ static void product_task(void *context, size_t index, uint32_t worker)
 		.a = product->a + row * w->depth,
 		.a_stride = w->depth,
 		.a_scale = job->run->work.a_scale + row,
-		.rows = tile_length(job->cut.rows, job->cut.tile_rows, row_tile),
+		.rows = dvsm_tile_length(job->cut.rows, job->cut.tile_rows, row_tile),
 		.depth = w->depth,
 		.panels = w->panels + col * w->depth,
 		.w_sum = w->sums + col,
 		.w_mantissa = w->mantissas + col,
 		.w_shift = w->shifts + col,
-		.cols = tile_length(w->out, job->task_cols, col_tile),
+		.cols = dvsm_tile_length(w->out, job->task_cols, col_tile),
 		.c = (unsigned char *)product->c + (row * w->out + col) * number,
 		.c_stride = w->out,
 		.epilogue = product->epilogue,
@@ -307,11 +296,11 @@ void dvsm_fixed_step_products(const struct dvsm_fixed_run *run, size_t rows,
 	struct product_job job = {.run = run,
 				  .products = products,
 				  .task_cols = task_cols,
-				  .first_cols = tiles(products[0].w->out, task_cols)};
+				  .first_cols = dvsm_tiles(products[0].w->out, task_cols)};
 	size_t cols = job.first_cols;
 
 	if (count > 1)
-		cols += tiles(products[1].w->out, task_cols);
+		cols += dvsm_tiles(products[1].w->out, task_cols);
 	job.cut = cut_rows(run, rows, DVSM_FIXED_TASK_ROWS, cols);
 	expect(run, &products[0].then, &job.cut, job.first_cols);
 	dvsm_pool_run(run->pool, count_tasks(&job.cut), product_task, &job);
@@ -464,7 +453,7 @@ static void attention_task(void *context, size_t index, uint32_t worker)
 	find_task(&job->cut, index, &row_tile, &head);
 
 	const size_t row = row_tile * job->cut.tile_rows;
-	const size_t rows = tile_length(job->cut.rows, job->cut.tile_rows, row_tile);
+	const size_t rows = dvsm_tile_length(job->cut.rows, job->cut.tile_rows, row_tile);
 
 	if (job->layers->group)
 		attend_by_view(job, head, row, rows, worker);

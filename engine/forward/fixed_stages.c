@@ -7,18 +7,12 @@
 static void embed_views(const struct dvsm_fixed_run *run, const struct dvsm_scene *scene,
 			const struct dvsm_view *views)
 {
-	const struct dvsm_model_config *config = run->config;
+	const size_t dim = run->config->dim;
 
-	for (uint32_t v = 0; v < scene->views; v++) {
-		const struct dvsm_camera *camera = &views[v].camera;
-		struct dvsm_ray_map map = dvsm_ray_map_prepare(camera, &scene->normalisation,
-							       config->patch_px, scene->patch_px);
-		struct dvsm_patch_plan plan = dvsm_patch_plan_make(
-			camera->width, camera->height, config->patch_px, scene->patch_px);
-
-		dvsm_fixed_picture_embed(run, &map, &plan, views[v].rgb,
-					 run->work.x + scene->first_token[v] * config->dim);
-	}
+	for (uint32_t v = 0; v < scene->views; v++)
+		dvsm_fixed_picture_embed(run, &views[v].camera, &scene->normalisation,
+					 scene->patch_px, views[v].rgb,
+					 run->work.x + scene->first_token[v] * dim);
 }
 
 static struct dvsm_group group_from(const struct dvsm_scene *scene, uint32_t first)
@@ -80,12 +74,6 @@ enum dvsm_status dvsm_fixed_reconstruct(const struct dvsm_fixed_run *run, struct
 	return DVSM_OK;
 }
 
-static struct dvsm_patch_plan plan_of(const struct dvsm_fixed_run *run,
-				      const struct dvsm_camera *camera, uint32_t patch_px)
-{
-	return dvsm_patch_plan_make(camera->width, camera->height, run->config->patch_px, patch_px);
-}
-
 void dvsm_fixed_render(const struct dvsm_fixed_run *run, const struct dvsm_scene *scene,
 		       const struct dvsm_group *group, const struct dvsm_camera *cameras,
 		       uint32_t patch_px, const struct dvsm_picture_out *out)
@@ -93,14 +81,9 @@ void dvsm_fixed_render(const struct dvsm_fixed_run *run, const struct dvsm_scene
 	const struct dvsm_model_config *config = run->config;
 	const struct dvsm_fixed_half *first = &run->model->blocks[0].intra;
 
-	for (uint32_t v = 0; v < group->views; v++) {
-		struct dvsm_patch_plan plan = plan_of(run, &cameras[v], patch_px);
-		struct dvsm_ray_map map = dvsm_ray_map_prepare(&cameras[v], &scene->normalisation,
-							       config->patch_px, patch_px);
-
-		dvsm_fixed_picture_embed(run, &map, &plan, NULL,
+	for (uint32_t v = 0; v < group->views; v++)
+		dvsm_fixed_picture_embed(run, &cameras[v], &scene->normalisation, patch_px, NULL,
 					 run->work.x + group->first_token[v] * config->dim);
-	}
 	norm_group(run, group, &first->norm, &first->key_value);
 	for (uint32_t layer = 0; layer < config->layers; layer++) {
 		struct dvsm_fixed_layer cache = dvsm_fixed_cache_layer(&scene->fixed, layer);
@@ -110,10 +93,8 @@ void dvsm_fixed_render(const struct dvsm_fixed_run *run, const struct dvsm_scene
 		dvsm_fixed_block_intra(run, layer, group, &run->model->blocks[layer].cross.query);
 		dvsm_fixed_block_cross(run, layer, group, &cache, next ? &next->intra : NULL);
 	}
-	for (uint32_t v = 0; v < group->views; v++) {
-		struct dvsm_patch_plan plan = plan_of(run, &cameras[v], patch_px);
-
-		dvsm_fixed_picture_write(
-			run, &plan, run->work.x + group->first_token[v] * config->dim, &out[v]);
-	}
+	for (uint32_t v = 0; v < group->views; v++)
+		dvsm_fixed_picture_write(run, &cameras[v], patch_px,
+					 run->work.x + group->first_token[v] * config->dim,
+					 &out[v]);
 }

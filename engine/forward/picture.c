@@ -3,6 +3,8 @@
 #include <stdbool.h>
 
 #include "geometry/deblock.h"
+#include "geometry/rays.h"
+#include "geometry/resample.h"
 
 /* Rays of a token are q^2 divisions and roots: a few tokens make a task. */
 #define RAY_TOKENS 8u
@@ -47,14 +49,19 @@ static void embed(const struct dvsm_run *run, size_t tokens, const struct dvsm_m
 	dvsm_step_product(run, run->work.patches, tokens, w, x, run->model->config.dim, epilogue);
 }
 
-void dvsm_picture_embed(const struct dvsm_run *run, const struct dvsm_ray_map *map,
-			const struct dvsm_patch_plan *plan, const float *rgb, float *x)
+void dvsm_picture_embed(const struct dvsm_run *run, const struct dvsm_camera *camera,
+			const struct dvsm_normalisation *normalisation, uint32_t patch_px,
+			const float *rgb, float *x)
 {
-	const size_t tokens = dvsm_token_grid_count(plan->grid);
+	const uint32_t side = run->model->config.patch_px;
+	const struct dvsm_ray_map map = dvsm_ray_map_prepare(camera, normalisation, side, patch_px);
+	const struct dvsm_patch_plan plan =
+		dvsm_patch_plan_make(camera->width, camera->height, side, patch_px);
+	const size_t tokens = dvsm_token_grid_count(plan.grid);
 	struct picture_job job = {
 		.run = run,
-		.map = map,
-		.plan = plan,
+		.map = &map,
+		.plan = &plan,
 		.rgb = rgb,
 		.patches = run->work.wide,
 		.count = tokens,
@@ -63,7 +70,7 @@ void dvsm_picture_embed(const struct dvsm_run *run, const struct dvsm_ray_map *m
 	dvsm_pool_run(run->pool, dvsm_tiles(tokens, RAY_TOKENS), ray_task, &job);
 	embed(run, tokens, &run->weights->patch_ray, x, DVSM_EPILOGUE_STORE);
 	if (rgb) {
-		dvsm_pool_run(run->pool, plan->grid.rows, cut_task, &job);
+		dvsm_pool_run(run->pool, plan.grid.rows, cut_task, &job);
 		embed(run, tokens, &run->weights->patch_rgb, x, DVSM_EPILOGUE_ADD);
 	}
 	dvsm_step_embed_norm(run, x, tokens, run->weights->embed_norm);
@@ -116,23 +123,25 @@ static void join_task(void *context, size_t index, uint32_t worker)
 	}
 }
 
-void dvsm_picture_write(const struct dvsm_run *run, const struct dvsm_patch_plan *plan,
-			const float *x, const struct dvsm_picture_out *out)
+void dvsm_picture_write(const struct dvsm_run *run, const struct dvsm_camera *camera,
+			uint32_t patch_px, const float *x, const struct dvsm_picture_out *out)
 {
+	const struct dvsm_patch_plan plan = dvsm_patch_plan_make(
+		camera->width, camera->height, run->model->config.patch_px, patch_px);
 	const struct dvsm_matrix *to_rgb = &run->weights->to_rgb;
 	struct picture_job job = {
 		.run = run,
-		.plan = plan,
+		.plan = &plan,
 		.patches = run->work.wide,
 		.out = out,
-		.count = dvsm_token_grid_count(plan->grid),
+		.count = dvsm_token_grid_count(plan.grid),
 	};
 
 	dvsm_step_norm(run, x, job.count, run->weights->final_norm, run->work.normed);
 	dvsm_step_product(run, run->work.normed, job.count, to_rgb, job.patches, to_rgb->out,
 			  DVSM_EPILOGUE_STORE);
-	dvsm_pool_run(run->pool, plan->grid.rows, colour_task, &job);
+	dvsm_pool_run(run->pool, plan.grid.rows, colour_task, &job);
 	if (run->deblock)
-		dvsm_pool_run(run->pool, plan->grid.rows - 1, seam_task, &job);
-	dvsm_pool_run(run->pool, dvsm_tiles(plan->height, PICTURE_ROWS), join_task, &job);
+		dvsm_pool_run(run->pool, plan.grid.rows - 1, seam_task, &job);
+	dvsm_pool_run(run->pool, dvsm_tiles(plan.height, PICTURE_ROWS), join_task, &job);
 }

@@ -12,18 +12,11 @@
 static void embed_views(const struct dvsm_run *run, const struct dvsm_scene *scene,
 			const struct dvsm_view *views)
 {
-	const struct dvsm_model_config *config = &run->model->config;
+	const size_t dim = run->model->config.dim;
 
-	for (uint32_t v = 0; v < scene->views; v++) {
-		const struct dvsm_camera *camera = &views[v].camera;
-		struct dvsm_ray_map map = dvsm_ray_map_prepare(camera, &scene->normalisation,
-							       config->patch_px, scene->patch_px);
-		struct dvsm_patch_plan plan = dvsm_patch_plan_make(
-			camera->width, camera->height, config->patch_px, scene->patch_px);
-
-		dvsm_picture_embed(run, &map, &plan, views[v].rgb,
-				   run->work.x + scene->first_token[v] * config->dim);
-	}
+	for (uint32_t v = 0; v < scene->views; v++)
+		dvsm_picture_embed(run, &views[v].camera, &scene->normalisation, scene->patch_px,
+				   views[v].rgb, run->work.x + scene->first_token[v] * dim);
 }
 
 static struct dvsm_group group_from(const struct dvsm_scene *scene, uint32_t first)

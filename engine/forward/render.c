@@ -8,6 +8,7 @@
 #include "forward/fixed_stages.h"
 #include "forward/picture.h"
 #include "geometry/pose.h"
+#include "geometry/rays.h"
 #include "scene/scene_internal.h"
 
 /* Most viewpoints that are worked at in one go. */
@@ -45,13 +46,6 @@ static struct dvsm_grouping grouping_of(const struct dvsm_engine *engine)
 	return engine->fixed ? DVSM_FIXED_GROUPING : DVSM_GROUPING;
 }
 
-static struct dvsm_patch_plan plan_of(const struct dvsm_engine *engine,
-				      const struct dvsm_camera *camera, uint32_t patch_px)
-{
-	return dvsm_patch_plan_make(camera->width, camera->height, engine->model->config.patch_px,
-				    patch_px);
-}
-
 /* The first of some viewpoints that are worked at in one go; first_token has room for TOGETHER. */
 static struct dvsm_group group_of(const struct dvsm_engine *engine,
 				  const struct dvsm_camera *cameras, uint32_t count,
@@ -61,9 +55,7 @@ static struct dvsm_group group_of(const struct dvsm_engine *engine,
 
 	first_token[0] = 0;
 	for (uint32_t v = 0; v < most; v++)
-		first_token[v + 1] =
-			first_token[v] +
-			dvsm_token_grid_count(plan_of(engine, &cameras[v], patch_px).grid);
+		first_token[v + 1] = first_token[v] + dvsm_camera_tokens(&cameras[v], patch_px);
 	return dvsm_group_from(first_token, most, 0, grouping_of(engine));
 }
 
@@ -128,14 +120,9 @@ static void run_stage(struct dvsm_engine *engine, const struct dvsm_scene *scene
 	struct dvsm_run run = dvsm_engine_begin(engine, cameras, group->views, patch_px);
 	const struct dvsm_model_config *config = &run.model->config;
 
-	for (uint32_t v = 0; v < group->views; v++) {
-		struct dvsm_patch_plan plan = plan_of(engine, &cameras[v], patch_px);
-		struct dvsm_ray_map map = dvsm_ray_map_prepare(&cameras[v], &scene->normalisation,
-							       config->patch_px, patch_px);
-
-		dvsm_picture_embed(&run, &map, &plan, NULL,
+	for (uint32_t v = 0; v < group->views; v++)
+		dvsm_picture_embed(&run, &cameras[v], &scene->normalisation, patch_px, NULL,
 				   run.work.x + group->first_token[v] * config->dim);
-	}
 	for (uint32_t layer = 0; layer < config->layers; layer++) {
 		const struct dvsm_heads cache = {
 			dvsm_scene_keys(scene, layer, 0),
@@ -145,12 +132,9 @@ static void run_stage(struct dvsm_engine *engine, const struct dvsm_scene *scene
 
 		dvsm_block_render(&run, layer, group, &cache);
 	}
-	for (uint32_t v = 0; v < group->views; v++) {
-		struct dvsm_patch_plan plan = plan_of(engine, &cameras[v], patch_px);
-
-		dvsm_picture_write(&run, &plan, run.work.x + group->first_token[v] * config->dim,
-				   &out[v]);
-	}
+	for (uint32_t v = 0; v < group->views; v++)
+		dvsm_picture_write(&run, &cameras[v], patch_px,
+				   run.work.x + group->first_token[v] * config->dim, &out[v]);
 }
 
 /* "target camera", or which one of several. */

@@ -80,18 +80,4 @@ static inline const void *dvsm_run_read(const struct dvsm_run *run, const void *
 	return (const unsigned char *)numbers + index * run->kernels->number_bytes;
 }
 
-/** Tiles of `size` that cover `count`. */
-static inline size_t dvsm_tiles(size_t count, size_t size)
-{
-	return (count + size - 1) / size;
-}
-
-/** The part of `count` that tile `index` covers. */
-static inline size_t dvsm_tile_length(size_t count, size_t size, size_t index)
-{
-	size_t left = count - index * size;
-
-	return left < size ? left : size;
-}
-
 #endif

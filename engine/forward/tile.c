@@ -1,6 +1,7 @@
 #include "forward/tile.h"
 
-#include "forward/steps.h"
+#include "forward/workspace.h"
+#include "threads/pool.h"
 
 /* Most tokens of a tile: the hidden numbers of their MLP fit the second-level cache. */
 #define TILE_TOKENS 256u

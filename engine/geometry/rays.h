@@ -23,6 +23,12 @@ static inline size_t dvsm_token_grid_count(struct dvsm_token_grid grid)
 	return (size_t)grid.columns * grid.rows;
 }
 
+/** Tokens of a camera's picture cut with stage patch p. */
+static inline size_t dvsm_camera_tokens(const struct dvsm_camera *camera, uint32_t patch_px)
+{
+	return dvsm_token_grid_count(dvsm_token_grid_of(camera->width, camera->height, patch_px));
+}
+
 /** One camera's ray map at (columns q) x (rows q) pixels: grid, scaled intrinsics, pose. */
 struct dvsm_ray_map {
 	struct dvsm_token_grid grid;

@@ -16,11 +16,6 @@ static enum dvsm_status fail_size(const char *what, struct dvsm_error *error)
 			 "no memory for %s: take fewer or smaller views, or a larger patch", what);
 }
 
-static size_t tokens_of(const struct dvsm_camera *camera, uint32_t patch_px)
-{
-	return dvsm_token_grid_count(dvsm_token_grid_of(camera->width, camera->height, patch_px));
-}
-
 /* Bytes from the keys to the values: both halves start aligned. */
 static bool half_cache_bytes(const struct dvsm_model_config *config, enum dvsm_precision precision,
 			     size_t tokens, size_t *bytes)
@@ -41,7 +36,7 @@ enum dvsm_status dvsm_scene_measure(const struct dvsm_model_config *config,
 {
 	size_t total = 0, half = 0, fine = 0, bytes = 0;
 	for (uint32_t i = 0; i < views; i++) {
-		if (!dvsm_size_add(total, tokens_of(&cameras[i], patch_px), &total))
+		if (!dvsm_size_add(total, dvsm_camera_tokens(&cameras[i], patch_px), &total))
 			return fail_size("so many tokens", error);
 	}
 	if (!half_cache_bytes(config, precision, total, &half) || !dvsm_size_mul(half, 2, &bytes) ||
@@ -110,8 +105,8 @@ enum dvsm_status dvsm_scene_make(const struct dvsm_scene *sizes, bool with_cache
 void dvsm_scene_place_cameras(struct dvsm_scene *scene)
 {
 	for (uint32_t i = 0; i < scene->views; i++)
-		scene->first_token[i + 1] =
-			scene->first_token[i] + tokens_of(&scene->cameras[i], scene->patch_px);
+		scene->first_token[i + 1] = scene->first_token[i] +
+					    dvsm_camera_tokens(&scene->cameras[i], scene->patch_px);
 	scene->normalisation = dvsm_normalisation_compute(scene->cameras, scene->views);
 }
 

@@ -52,4 +52,20 @@ uint32_t dvsm_pool_get_threads(const struct dvsm_pool *pool);
  */
 void dvsm_pool_run(struct dvsm_pool *pool, size_t count, dvsm_task_fn *task, void *context);
 
+/* ---- work cut into tasks ---- */
+
+/** Tiles of `size` that cover `count`. */
+static inline size_t dvsm_tiles(size_t count, size_t size)
+{
+	return (count + size - 1) / size;
+}
+
+/** The part of `count` that tile `index` covers. */
+static inline size_t dvsm_tile_length(size_t count, size_t size, size_t index)
+{
+	size_t left = count - index * size;
+
+	return left < size ? left : size;
+}
+
 #endif
