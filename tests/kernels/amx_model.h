@@ -19,7 +19,7 @@
 		}                                                                                  \
 	} while (0)
 
-static struct {
+static _Thread_local struct {
 	struct amx_config config;
 	bool open;
 	uint8_t tiles[8][16][64];
@@ -82,24 +82,30 @@ static inline struct amx_model_shape amx_model_match(int sums, int a, int b)
 					config->row_bytes[a] / 4};
 }
 
+/* All sixteen columns, so that compilers make vectors of them; those that the tile does not have
+ * are 0, as b's are. */
 static inline void amx_model_dot_bytes(int sums, int a, int b, bool a_signed)
 {
 	const struct amx_model_shape shape = amx_model_match(sums, a, b);
 
 	for (int m = 0; m < shape.m; m++) {
-		for (int n = 0; n < shape.n; n++) {
-			int32_t sum;
+		uint32_t row[16];
 
-			memcpy(&sum, &amx_model.tiles[sums][m][4 * n], sizeof(sum));
-			for (int k = 0; k < 4 * shape.k; k++) {
-				uint8_t x = amx_model.tiles[a][m][k];
-				int8_t y = (int8_t)amx_model.tiles[b][k / 4][4 * n + k % 4];
-				int product = (a_signed ? (int8_t)x : x) * y;
+		memcpy(row, amx_model.tiles[sums][m], sizeof(row));
+		for (int k = 0; k < shape.k; k++) {
+			const uint8_t *bytes = amx_model.tiles[a][m] + 4 * k;
+			const int8_t *column = (const int8_t *)amx_model.tiles[b][k];
+			int x[4];
 
-				sum = (int32_t)((uint32_t)sum + (uint32_t)product);
-			}
-			memcpy(&amx_model.tiles[sums][m][4 * n], &sum, sizeof(sum));
+			for (int i = 0; i < 4; i++)
+				x[i] = a_signed ? (int8_t)bytes[i] : bytes[i];
+			for (int n = 0; n < 16; n++)
+				row[n] +=
+					(uint32_t)(x[0] * column[4 * n] + x[1] * column[4 * n + 1] +
+						   x[2] * column[4 * n + 2] +
+						   x[3] * column[4 * n + 3]);
 		}
+		memcpy(amx_model.tiles[sums][m], row, sizeof(row));
 	}
 }
 
@@ -124,21 +130,22 @@ static inline void amx_model_dot_bf16(int sums, int a, int b)
 	const struct amx_model_shape shape = amx_model_match(sums, a, b);
 
 	for (int m = 0; m < shape.m; m++) {
-		for (int n = 0; n < shape.n; n++) {
-			float part[2] = {0, 0}, sum;
+		float row[16], part[2][16] = {{0}};
 
-			memcpy(&sum, &amx_model.tiles[sums][m][4 * n], sizeof(sum));
-			for (int k = 0; k < 2 * shape.k; k++) {
-				float x = amx_model_bf16(&amx_model.tiles[a][m][2 * k]);
-				float y = amx_model_bf16(
-					&amx_model.tiles[b][k / 2][4 * n + k % 2 * 2]);
+		memcpy(row, amx_model.tiles[sums][m], sizeof(row));
+		for (int k = 0; k < 2 * shape.k; k++) {
+			const float x = amx_model_bf16(&amx_model.tiles[a][m][2 * k]);
+			const uint8_t *column = amx_model.tiles[b][k / 2] + k % 2 * 2;
+			float *to = part[k % 2];
 
-				part[k % 2] = amx_model_flush(fmaf(x, y, part[k % 2]));
-			}
-			sum = amx_model_flush(amx_model_flush(sum) +
-					      amx_model_flush(part[0] + part[1]));
-			memcpy(&amx_model.tiles[sums][m][4 * n], &sum, sizeof(sum));
+			for (int n = 0; n < 16; n++)
+				to[n] = amx_model_flush(
+					fmaf(x, amx_model_bf16(column + 4 * n), to[n]));
 		}
+		for (int n = 0; n < 16; n++)
+			row[n] = amx_model_flush(amx_model_flush(row[n]) +
+						 amx_model_flush(part[0][n] + part[1][n]));
+		memcpy(amx_model.tiles[sums][m], row, sizeof(row));
 	}
 }
 
