@@ -64,21 +64,29 @@ static size_t read_last_cache(void)
 	return last_kib * 1024;
 }
 
-static void list_tiers(char *text, size_t size)
+/* The mask without the tier that it is named after. */
+static uint32_t without_best(uint32_t mask)
 {
-	const uint32_t mask = dvsm_cpu_detect();
-	size_t used = 0;
+	const char *best = dvsm_cpu_name(mask);
+
+	for (uint32_t bit = 1; bit != 0; bit <<= 1)
+		if ((mask & bit) && strcmp(dvsm_cpu_name(bit), best) == 0)
+			mask &= ~bit;
+	return mask;
+}
+
+/* The best last. */
+static void list_tiers(uint32_t mask, char *text, size_t size)
+{
+	size_t used;
 
 	*text = '\0';
-	for (uint32_t bit = DVSM_CPU_SSE2; bit != 0 && bit <= mask; bit <<= 1) {
-		const char *name = dvsm_cpu_name(bit);
-
-		if (!(mask & bit) || strstr(text, name))
-			continue;
-		used += (size_t)snprintf(text + used, size - used, "%s%s", used ? " " : "", name);
-		if (used >= size)
-			break;
-	}
+	mask &= ~(uint32_t)DVSM_CPU_SCALAR;
+	if (!mask)
+		return;
+	list_tiers(without_best(mask), text, size);
+	used = strlen(text);
+	snprintf(text + used, size - used, "%s%s", used ? " " : "", dvsm_cpu_name(mask));
 }
 
 void dio_machine_describe(struct dio_machine *machine)
@@ -103,7 +111,7 @@ void dio_machine_describe(struct dio_machine *machine)
 	snprintf(machine->compiler, sizeof machine->compiler, "gcc %d.%d.%d", __GNUC__,
 		 __GNUC_MINOR__, __GNUC_PATCHLEVEL__);
 #endif
-	list_tiers(machine->tiers, sizeof machine->tiers);
+	list_tiers(dvsm_cpu_detect(), machine->tiers, sizeof machine->tiers);
 	if (pages > 0 && page_bytes > 0)
 		machine->memory_bytes = (size_t)pages * (size_t)page_bytes;
 	machine->last_cache_bytes = read_last_cache();
