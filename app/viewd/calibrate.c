@@ -170,7 +170,7 @@ void dio_viewd_fit(struct dio_viewd *viewd)
 {
 	const struct dio_board_views *views = &viewd->gathered;
 	struct fit_job *job = dio_viewd_allocate_job(viewd, sizeof *job);
-	bool whole = job != NULL;
+	bool whole;
 
 	if (!job)
 		return;

@@ -10,16 +10,23 @@
 #define TICK_US  UINT64_C(250000)     /* figures, what nothing else calls for */
 #define RETRY_NS UINT64_C(2000000000) /* devices that come back */
 
+/* Bus and devices that are missing, as often as it makes sense to look for them. */
+static void keep_devices(struct dio_viewd *viewd)
+{
+	uint64_t now_ns = dio_clock_ns();
+
+	if (now_ns < viewd->devices_due_ns)
+		return;
+	viewd->devices_due_ns = now_ns + RETRY_NS;
+	dio_viewd_keep_bus(viewd);
+	dio_viewd_open_devices(viewd);
+}
+
 static int on_tick(sd_event_source *source, uint64_t now_us, void *context)
 {
 	struct dio_viewd *viewd = context;
-	uint64_t now_ns = dio_clock_ns();
 
-	if (now_ns >= viewd->devices_due_ns) {
-		viewd->devices_due_ns = now_ns + RETRY_NS;
-		dio_viewd_keep_bus(viewd);
-		dio_viewd_open_devices(viewd);
-	}
+	keep_devices(viewd);
 	dio_viewd_page_tick(viewd);
 	dio_viewd_show_tick(viewd);
 	viewd->news = true;
@@ -187,7 +194,7 @@ enum dio_status dio_viewd_open(const struct dio_viewd_options *options, sd_event
 	if (!*viewd->status.message)
 		dio_viewd_greet(viewd);
 	dio_viewd_open_engine(viewd);
-	dio_viewd_open_devices(viewd);
+	keep_devices(viewd);
 	dio_viewd_publish(viewd);
 	return DIO_OK;
 }
