@@ -13,6 +13,11 @@
 bool dvsm_size_mul(size_t a, size_t b, size_t *out);
 bool dvsm_size_add(size_t a, size_t b, size_t *out);
 
+static inline size_t dvsm_size_larger(size_t a, size_t b)
+{
+	return a > b ? a : b;
+}
+
 /** Round up to DVSM_ALIGN; false on overflow. */
 bool dvsm_size_align(size_t size, size_t *out);
 

@@ -90,6 +90,15 @@ enum dvsm_precision dvsm_engine_get_precision(const struct dvsm_engine *engine)
 	return engine->precision;
 }
 
+enum dvsm_status dvsm_engine_report(dvsm_progress_fn *progress, void *progress_context,
+				    uint32_t done, uint32_t blocks, struct dvsm_error *error)
+{
+	if (progress && !progress(progress_context, (double)done / blocks))
+		return dvsm_fail(error, DVSM_CANCELLED,
+				 "reconstruction cancelled after block %u of %u", done, blocks);
+	return DVSM_OK;
+}
+
 uint64_t dvsm_engine_now_ns(void)
 {
 	struct timespec now;

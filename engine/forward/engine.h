@@ -62,6 +62,11 @@ static inline size_t dvsm_engine_weight_bytes(const struct dvsm_engine *engine)
 	return engine->model->weight_bytes + engine->weights->bytes;
 }
 
+/** Say how many blocks of a reconstruction are done; DVSM_CANCELLED when the caller asks to stop.
+ */
+enum dvsm_status dvsm_engine_report(dvsm_progress_fn *progress, void *progress_context,
+				    uint32_t done, uint32_t blocks, struct dvsm_error *error);
+
 /** CLOCK_MONOTONIC. */
 uint64_t dvsm_engine_now_ns(void);
 

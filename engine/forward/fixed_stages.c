@@ -1,8 +1,8 @@
 #include "forward/fixed_stages.h"
 
-#include "base/error.h"
 #include "fixed/block.h"
 #include "fixed/picture.h"
+#include "forward/engine.h"
 
 static void embed_views(const struct dvsm_fixed_run *run, const struct dvsm_scene *scene,
 			const struct dvsm_view *views)
@@ -63,15 +63,15 @@ enum dvsm_status dvsm_fixed_reconstruct(const struct dvsm_fixed_run *run, struct
 					const struct dvsm_view *views, dvsm_progress_fn *progress,
 					void *progress_context, struct dvsm_error *error)
 {
+	enum dvsm_status status = DVSM_OK;
+
 	embed_views(run, scene, views);
-	for (uint32_t layer = 0; layer < scene->layers; layer++) {
+	for (uint32_t layer = 0; status == DVSM_OK && layer < scene->layers; layer++) {
 		run_block(run, scene, layer);
-		if (progress && !progress(progress_context, (layer + 1.0) / scene->layers))
-			return dvsm_fail(error, DVSM_CANCELLED,
-					 "reconstruction cancelled after block %u of %u", layer + 1,
-					 scene->layers);
+		status = dvsm_engine_report(progress, progress_context, layer + 1, scene->layers,
+					    error);
 	}
-	return DVSM_OK;
+	return status;
 }
 
 void dvsm_fixed_render(const struct dvsm_fixed_run *run, const struct dvsm_scene *scene,

@@ -56,15 +56,15 @@ static enum dvsm_status run_stage(const struct dvsm_run *run, const struct dvsm_
 				  const struct dvsm_view *views, dvsm_progress_fn *progress,
 				  void *progress_context, struct dvsm_error *error)
 {
+	enum dvsm_status status = DVSM_OK;
+
 	embed_views(run, scene, views);
-	for (uint32_t layer = 0; layer < scene->layers; layer++) {
+	for (uint32_t layer = 0; status == DVSM_OK && layer < scene->layers; layer++) {
 		run_block(run, scene, layer);
-		if (progress && !progress(progress_context, (layer + 1.0) / scene->layers))
-			return dvsm_fail(error, DVSM_CANCELLED,
-					 "reconstruction cancelled after block %u of %u", layer + 1,
-					 scene->layers);
+		status = dvsm_engine_report(progress, progress_context, layer + 1, scene->layers,
+					    error);
 	}
-	return DVSM_OK;
+	return status;
 }
 
 static struct dvsm_camera *copy_cameras(const struct dvsm_view *views, uint32_t count)

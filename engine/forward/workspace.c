@@ -1,11 +1,7 @@
 #include "forward/workspace.h"
 
+#include "base/memory.h"
 #include "kernels/kernels.h"
-
-static size_t larger(size_t a, size_t b)
-{
-	return a > b ? a : b;
-}
 
 /* A left side; rows up to whole strips, so that no product can overflow that did not before. */
 static void *take_left(struct dvsm_arena *arena, const struct dvsm_kernels *kernels, size_t rows,
@@ -34,8 +30,9 @@ struct dvsm_workspace dvsm_workspace_place(struct dvsm_arena *arena,
 	struct dvsm_workspace w = {0};
 
 	/* Patches, attention inputs and MLP hidden numbers are never needed together. */
-	w.wide_width = dvsm_group_rows(larger(larger(3, config->mlp_ratio) * dim, 6 * area));
-	w.scratch_stride = (larger(attention, size->row_bytes) + 63) / 64 * 64;
+	w.wide_width = dvsm_group_rows(
+		dvsm_size_larger(dvsm_size_larger(3, config->mlp_ratio) * dim, 6 * area));
+	w.scratch_stride = (dvsm_size_larger(attention, size->row_bytes) + 63) / 64 * 64;
 	w.x = dvsm_arena_take_floats(arena, size->tokens, dim);
 	w.normed = take_left(arena, kernels, g, dim);
 	w.wide = dvsm_arena_take_floats(arena, g, w.wide_width);

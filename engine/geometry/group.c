@@ -2,12 +2,8 @@
 
 #include <stdbool.h>
 
+#include "base/memory.h"
 #include "geometry/resample.h"
-
-static size_t larger(size_t a, size_t b)
-{
-	return a > b ? a : b;
-}
 
 /* A group that is being filled. */
 struct filling {
@@ -52,17 +48,17 @@ struct dvsm_job_size dvsm_job_size_of(const struct dvsm_camera *cameras, uint32_
 		size_t tokens = dvsm_token_grid_count(plan.grid);
 
 		size.tokens += tokens;
-		size.view_tokens = larger(size.view_tokens, tokens);
+		size.view_tokens = dvsm_size_larger(size.view_tokens, tokens);
 		if (!take_in(&group, tokens, grouping)) {
 			group = (struct filling){0, 0};
 			take_in(&group, tokens, grouping);
 		}
-		size.group_rows = larger(size.group_rows, group.rows);
-		size.group_views = larger(size.group_views, group.views);
+		size.group_rows = dvsm_size_larger(size.group_rows, group.rows);
+		size.group_views = dvsm_size_larger(size.group_views, group.views);
 		/* Rows of a picture: one being mixed, one that becomes bytes. */
 		size_t rows = plan.scratch_bytes + 3 * (size_t)cameras[i].width * sizeof(float);
 
-		size.row_bytes = larger(size.row_bytes, rows);
+		size.row_bytes = dvsm_size_larger(size.row_bytes, rows);
 	}
 	return size;
 }

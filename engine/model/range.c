@@ -2,9 +2,9 @@
 
 #include <float.h>
 #include <math.h>
-#include <stdio.h>
 
 #include "base/error.h"
+#include "model/names.h"
 
 /*
  * Norms bound everything. A LayerNorm gives a vector of length sqrt(D) times its largest weight g,
@@ -39,18 +39,6 @@ struct range {
 	double residual;         /* bound of the stream's numbers so far */
 };
 
-/* blocks.{index}.{half}{rest}.weight */
-struct name {
-	char text[80];
-};
-
-static struct name name_half(uint32_t layer, const char *half, const char *rest)
-{
-	struct name name;
-	snprintf(name.text, sizeof(name.text), "blocks.%u.%s%s.weight", layer, half, rest);
-	return name;
-}
-
 /* The model's walk required every tensor. */
 static double largest(const struct range *range, const char *name)
 {
@@ -74,7 +62,7 @@ static void walk_half(struct range *range, uint32_t layer, const char *half)
 {
 	const double dim = range->config->dim, head_dim = dim / range->config->heads;
 	const double hidden_dim = dim * range->config->mlp_ratio;
-#define NAME(rest) name_half(layer, half, rest).text
+#define NAME(rest) dvsm_name_half(layer, half, rest).text
 	double value = dim * largest(range, NAME("_norm")) * largest(range, NAME(".qkv"));
 	double query = sqrt(head_dim) * largest(range, NAME(".q_norm"));
 	double key = sqrt(head_dim) * largest(range, NAME(".k_norm"));

@@ -7,6 +7,7 @@
 #include "base/error.h"
 #include "base/memory.h"
 #include "model/config.h"
+#include "model/names.h"
 #include "model/range.h"
 
 /*
@@ -157,25 +158,13 @@ static void visit_qkv(struct walk *walk, const char *name, uint32_t dim,
 	take_matrix(walk, tensor, dim, 2 * dim, &w->key_value);
 }
 
-/* blocks.{index}.{half}{rest}.weight */
-struct tensor_name {
-	char text[80];
-};
-
-static struct tensor_name name_half(uint32_t index, const char *half, const char *rest)
-{
-	struct tensor_name name;
-	snprintf(name.text, sizeof(name.text), "blocks.%u.%s%s.weight", index, half, rest);
-	return name;
-}
-
 static void visit_half(struct walk *walk, uint32_t index, const char *half,
 		       struct dvsm_half_weights *w)
 {
 	const struct dvsm_model_config *config = &walk->model->config;
 	uint32_t dim = config->dim, head_dim = dim / config->heads;
 	uint32_t hidden = dim * config->mlp_ratio;
-#define NAME(rest) name_half(index, half, rest).text
+#define NAME(rest) dvsm_name_half(index, half, rest).text
 	visit_vector(walk, NAME("_norm"), dim, &w->norm);
 	visit_qkv(walk, NAME(".qkv"), dim, w);
 	visit_vector(walk, NAME(".q_norm"), head_dim, &w->q_norm);
